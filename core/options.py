@@ -178,8 +178,8 @@ QUATERNION_TOLERANCE = 0.01
 
 DEFAULT_RADIUS_M = 5.0
 """Of a hinted position without a radius."""
-DEFAULT_TILT_DEG = 15.0
-"""Of a camera that is said to be upright, no more."""
+DEFAULT_TILT_DEG = 45.0
+"""Of a camera that is said to be upright, no more: people hold phones at 20 to 30 degrees."""
 DEFAULT_HEADING_TOLERANCE_DEG = 45.0
 """Of a hinted heading without a tolerance."""
 

@@ -48,11 +48,15 @@ class SearchSummary:
 class Evidence:
     """What confidence and accuracy of the best candidate rest on, for those who fit or evaluate them.
 
-    measures: the judge's figures by name. runner_up_score: of the best candidate at another place; None without one.
+    measures: the judge's figures by name. features: of the confidence. alias_margins: by how much the score
+    is over that of each place that looks the same. runner_up_score: of the best candidate at another place; None
+    without one.
     formal_radii: of position (metres) and orientation (degrees), by the curvature of the loss alone; None where a method gives none.
     """
 
     measures: Mapping[str, float]
+    features: Mapping[str, float]
+    alias_margins: tuple[float, ...]
     runner_up_score: float | None
     formal_radii: tuple[float, float] | None
 

@@ -1,8 +1,8 @@
 """Find where a photo was taken inside a scanned place.
 
-    >>> from panoloc import Localizer, build_map_index, read_panorama, read_scan
+    >>> from panoloc import Localizer, Rig, build_map_index, read_panorama, read_scan
     >>> index = build_map_index(read_scan(scan_path))
-    >>> found = Localizer().localize(read_panorama(photo), [index])
+    >>> found = Localizer().localize(Rig.of_panorama(read_panorama(photo)), [index])
     >>> found.status
     'localized'
     >>> found.best.pose.position.round(1)
@@ -17,6 +17,7 @@ from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from panoloc.core.camera.rig import Rig as Rig
     from panoloc.core.image.reader import read_panorama as read_panorama
     from panoloc.core.localizer import Localizer as Localizer
     from panoloc.core.map.map_builder import build_map_index as build_map_index
@@ -32,6 +33,7 @@ _HOMES = {
     "Localization": "panoloc.core.results",
     "Localizer": "panoloc.core.localizer",
     "PanolocClient": "panoloc.service.client",
+    "Rig": "panoloc.core.camera.rig",
     "build_map_index": "panoloc.core.map.map_builder",
     "read_panorama": "panoloc.core.image.reader",
     "read_scan": "panoloc.core.scan.reading",
@@ -41,6 +43,7 @@ __all__ = [
     "Localization",
     "Localizer",
     "PanolocClient",
+    "Rig",
     "build_map_index",
     "read_panorama",
     "read_scan",

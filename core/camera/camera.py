@@ -95,6 +95,17 @@ class Camera:
             left, right = math.atan(left), math.atan(right)
         return min(math.degrees(left + right), 360.0)
 
+    @property
+    def is_whole_sphere(self) -> bool:
+        """Return whether the image is a full sphere: twice as wide as high, all around."""
+        return (
+            self.model == "equirectangular"
+            and abs(self.width_px - 2 * math.pi * self.fx_px) < 1
+            and abs(self.height_px - math.pi * self.fy_px) < 1
+            and abs(2 * self.cx_px - self.width_px) < 1
+            and abs(2 * self.cy_px - self.height_px) < 1
+        )
+
     def resized(self, width_px: int, height_px: int) -> "Camera":
         """Return the camera of a resized copy of the image. Raises OptionsError where the copy has another shape."""
         if not have_one_shape((self.width_px, self.height_px), (width_px, height_px)):

@@ -1,4 +1,7 @@
-"""A session: photos of known cameras, and the poses that the device's own tracking gives them among each other."""
+"""A rig: one or more cameras with poses among each other, and the image that each took.
+
+A panorama is a rig of one camera that covers the sphere, a photo of one that covers a part, a session of several.
+"""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -18,8 +21,8 @@ class Photo:
     """An image of a known camera.
 
     color: (h, w, 3) uint8, RGB. valid: (h, w) bool, False where it is to be ignored. camera: of an image of exactly this size.
-    left_out: as of a panorama. hfov_range_deg: where only bounds of the field of view are known; the camera is then a guess within them.
-    focal_uncertainty: share of the focal length that it may be off by (68 %), as far as is known.
+    left_out: in words for people, what was found to be an invalid region. hfov_range_deg: where only bounds of the field of view are
+    known; the camera is then a guess within them. focal_uncertainty: share of the focal length that it may be off by (68 %).
     """
 
     color: NDArray[np.uint8]
@@ -39,7 +42,7 @@ class Photo:
 
     @classmethod
     def of_panorama(cls, panorama: Panorama) -> "Photo":
-        """Return a full sphere as a photo, to be one of several."""
+        """Return a full sphere as the image of a camera that wraps."""
         height, width = panorama.valid.shape
         per_rad = width / (2 * math.pi)
         camera = Camera("equirectangular", width, height, per_rad, per_rad, width / 2, height / 2)
@@ -47,53 +50,61 @@ class Photo:
 
 
 @dataclass(frozen=True)
-class SessionImage:
-    """One photo of a session, and where it was taken: x_session = R x_camera + t, camera x forward, y left, z up, metres."""
+class RigImage:
+    """One image of a rig, and where it was taken: x_session = R x_camera + t, camera x forward, y left, z up, metres."""
 
     photo: Photo
     session_from_camera: Pose
 
 
 @dataclass(frozen=True)
-class Session:
-    """One to 32 photos that were taken from poses known among each other, right-handed, z up where `options.up_known`."""
+class Rig:
+    """One to 32 images that were taken from poses known among each other, right-handed, z up where `options.up_known`."""
 
-    images: tuple[SessionImage, ...]
+    images: tuple[RigImage, ...]
     options: SessionOptions = field(default_factory=SessionOptions)
 
     @classmethod
-    def of_photo(cls, photo: Photo) -> "Session":
-        """Return the session of one photo, whose own frame it is."""
-        return cls((SessionImage(photo, Pose(np.eye(3), np.zeros(3))),))
+    def of_photo(cls, photo: Photo) -> "Rig":
+        """Return the rig of one image, whose own frame it is."""
+        return cls((RigImage(photo, Pose(np.eye(3), np.zeros(3))),))
 
+    @classmethod
+    def of_panorama(cls, panorama: Panorama) -> "Rig":
+        """Return the rig of one panorama."""
+        return cls.of_photo(Photo.of_panorama(panorama))
 
-def is_perspective(session: Session) -> bool:
-    """Tell whether all photos are of cameras whose focal length spreads what is beside the optical axis."""
-    return all(image.photo.camera.model in ("pinhole", "opencv") for image in session.images)
+    @property
+    def photos(self) -> tuple[Photo, ...]:
+        """Return the images without their poses."""
+        return tuple(image.photo for image in self.images)
 
+    @property
+    def has_focal_length(self) -> bool:
+        """Return whether all cameras have a focal length that spreads what is beside the optical axis."""
+        return all(photo.camera.model in ("pinhole", "opencv") for photo in self.photos)
 
-def with_focal_factor(session: Session, factor: float, uncertainty: float = 0.0) -> Session:
-    """Return the session with cameras of longer focal lengths, by a factor, which may be off by a share; they are known then."""
+    @property
+    def session_from_rig(self) -> Pose:
+        """Return the pose of the rig's own axes: those of the session, from the middle of its cameras."""
+        return Pose(np.eye(3), np.mean([image.session_from_camera.position for image in self.images], axis=0))
 
-    def scaled(photo: Photo) -> Photo:
-        """Return a photo with such a camera."""
-        camera = replace(photo.camera, fx_px=factor * photo.camera.fx_px, fy_px=factor * photo.camera.fy_px)
-        return replace(photo, camera=camera, hfov_range_deg=None, focal_uncertainty=uncertainty)
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Return, in words for people, the invalid regions of the images and what they leave open of their cameras; of several images by
+        their number."""
+        if len(self.images) == 1:
+            return self.photos[0].left_out
+        return tuple(
+            f"image {number}: {words}" for number, photo in enumerate(self.photos, 1) for words in photo.left_out
+        )
 
-    return replace(session, images=tuple(replace(image, photo=scaled(image.photo)) for image in session.images))
+    def with_focal_factor(self, factor: float, uncertainty: float = 0.0) -> "Rig":
+        """Return the rig with cameras of longer focal lengths, by a factor, which may be off by a share; they are known then."""
 
+        def scaled(photo: Photo) -> Photo:
+            """Return an image with such a camera."""
+            camera = replace(photo.camera, fx_px=factor * photo.camera.fx_px, fy_px=factor * photo.camera.fy_px)
+            return replace(photo, camera=camera, hfov_range_deg=None, focal_uncertainty=uncertainty)
 
-def session_from_rig(session: Session) -> Pose:
-    """Return the pose of the rig of a session: its own axes, from the middle of its cameras."""
-    return Pose(np.eye(3), np.mean([image.session_from_camera.position for image in session.images], axis=0))
-
-
-def left_out(query: Panorama | Photo | Session) -> tuple[str, ...]:
-    """Return, in words for people, what of a query's images was found not to be the place, and what they leave open of their cameras; of
-    several by their number."""
-    if not isinstance(query, Session):
-        return query.left_out
-    photos = [image.photo for image in query.images]
-    if len(photos) == 1:
-        return photos[0].left_out
-    return tuple(f"image {number}: {words}" for number, photo in enumerate(photos, 1) for words in photo.left_out)
+        return replace(self, images=tuple(replace(image, photo=scaled(image.photo)) for image in self.images))

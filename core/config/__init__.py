@@ -4,13 +4,13 @@ Where no other source is named, a figure was chosen by measurement on cases with
 """
 
 from panoloc.core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
-from panoloc.core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, StartsConfig
+from panoloc.core.config.index import AliasConfig, DescriptorConfig, IndexConfig, StartsConfig
 from panoloc.core.config.judge import ChangeConfig, JudgeConfig
 from panoloc.core.config.lines import LineConfig
 from panoloc.core.config.localizer import LocalizerConfig, PaperConfig
 from panoloc.core.config.refinement import (
     HalvesConfig,
-    PhotoRefinementConfig,
+    MediumRound,
     RefinementConfig,
     StepConfig,
     StoppingRule,
@@ -18,7 +18,6 @@ from panoloc.core.config.refinement import (
 from panoloc.core.config.search import (
     CameraCheckConfig,
     FieldOfViewConfig,
-    PhotoSearchConfig,
     PoseDistance,
     SearchConfig,
 )
@@ -27,21 +26,20 @@ __all__ = [
     "CONTRAST",
     "LIGHT_FIT",
     "RENDERING",
+    "AliasConfig",
     "CameraCheckConfig",
     "ChangeConfig",
     "ContrastConfig",
     "DescriptorConfig",
     "FieldOfViewConfig",
-    "FineViewConfig",
     "HalvesConfig",
     "IndexConfig",
     "JudgeConfig",
     "LightFitConfig",
     "LineConfig",
     "LocalizerConfig",
+    "MediumRound",
     "PaperConfig",
-    "PhotoRefinementConfig",
-    "PhotoSearchConfig",
     "PoseDistance",
     "RefinementConfig",
     "RenderingConfig",

@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import asdict, dataclass
 
 from panoloc.core.config.imaging import CONTRAST, RENDERING
+from panoloc.core.config.search import PoseDistance
 
 
 @dataclass(frozen=True)
@@ -23,28 +24,32 @@ class StartsConfig:
 
 @dataclass(frozen=True)
 class DescriptorConfig:
-    """How patches are described (see `panoloc.core.describe`), the same for an index and the queries to it."""
+    """How views and images are described (see `panoloc.core.features.described_views`), the same for an index and the queries to it."""
 
-    patch_rows: int = 8  # paper, §4: 8 x 16 patches
-    patch_columns: int = 16
-    view_height: int = 64  # eight rows of pixels in a patch are enough for its histogram
+    patch_rows: int = 16  # and twice as many columns: patches of 11 degrees; the paper's 22 (§4) come of four together
+    view_height: int = 64  # four rows of pixels in a patch are enough for its histogram
     bins: int = 8  # per channel, joint (paper, §4)
-    size: int = 32  # of 1,024 bins; more gain none
-    basis_views: int = 160  # that principal directions are taken from
-    basis_patches: int = 20_000
+    size: int = 32  # numbers of a descriptor, of 1,024 bins; more gain none
+    steps: int = 31  # up and down that a number of a descriptor is rounded to
+    basis_views: int = 24  # that principal directions are taken from
+    picture_height: int = 32  # rows of the pictures that poses are scored again on
 
 
 @dataclass(frozen=True)
-class FineViewConfig:
-    """What a map keeps of its views for photos, which show few patches of 22 degrees (see
-    `panoloc.core.features.fine_views`)."""
+class AliasConfig:
+    """Which starts look the same (see `panoloc.core.map.aliases`), by the scores of patches of 22 degrees."""
 
-    patch_rows: int = 16
-    patch_columns: int = 32
-    size: int = 32  # numbers of a descriptor
-    basis_views: int = 24  # that principal directions are taken from
-    picture_height: int = 32  # rows of the pictures that poses are scored again on
-    steps: int = 31  # up and down that a number of a descriptor is rounded to
+    turns: int = 24  # about the vertical
+    turned_deg: float = 60.0  # beside the start, less than this is the place itself
+    elsewhere_m: float = 1.5  # nearer is the place itself
+    beside_m: float = 0.6
+    # Of the score of the starts beside it (equal rooms have 0.9 and more, the rest of a building up to 0.7), by patches twice as large and
+    # by these; or so much by itself (2.0 and more, up to 1.8).
+    first_share: float = 0.6
+    share: float = 0.74
+    least: float = 1.9
+    most: int = 3  # of each start
+    distinct: PoseDistance = PoseDistance(0.6, 18.0)
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ class IndexConfig:
 
     starts: StartsConfig = StartsConfig()
     descriptors: DescriptorConfig = DescriptorConfig()
-    fine_views: FineViewConfig = FineViewConfig()
+    aliases: AliasConfig = AliasConfig()
     finest_spacing_m: float = 0.025  # points closer together move no pose
     finest_spacing_share: float = 1 / 300  # of the scan's diagonal, where that is less: models and toys
 

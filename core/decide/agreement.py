@@ -26,7 +26,8 @@ class Agreement:
     correlation: mean over channels of the correlation of all pixels. patch_correlation: solid-angle mean over patches of the
     correlation inside a patch. explained: likewise, of the share of a patch's contrast that the other side explains, 0..1. score: what
     candidates are ranked by. mutual_information: nats, of brightness. inlier_share: of the pixels, by colour. coverage: share of the
-    sphere that was compared. relative_coverage: the same of what was photographed, at most 1.
+    sphere that was compared. relative_coverage: the same of what was photographed, at most 1. lines: how well lines agree with the
+    rotation, 0..1; None where they are not asked.
     """
 
     correlation: Tensor
@@ -37,48 +38,55 @@ class Agreement:
     relative_coverage: Tensor
     explained: Tensor
     score: Tensor
+    lines: Tensor | None = None
 
 
-def agreement(comparison: Comparison, config: JudgeConfig, share: float = 1.0) -> Agreement:
-    """Measure how well the two sides of a comparison agree. share: of the sphere, that was photographed."""
-    scan, panorama = comparison.scan, comparison.panorama
+def agreement(
+    comparison: Comparison, config: JudgeConfig, share: float, patch_deg: float, lines: Tensor | None = None
+) -> Agreement:
+    """Measure how well the two sides of a comparison agree.
+
+    share: of the sphere, that was photographed. patch_deg: degrees that a patch is high and wide. lines: (K,), as in `Agreement`.
+    """
+    scan, seen = comparison.scan, comparison.seen
     total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
     pixel_share = comparison.weights / total
-    of_all = correlation(scan, panorama, pixel_share, config.min_variance).mean(-1)
     window = comparison.views.window
-    sides = torch.cat((scan, panorama, pixel_share[..., None]), dim=-1)
-    side, floor = window.rows // config.patch_rows, config.min_patch_variance
-    inside, mass = correlation_in_patches(in_patches(sides, window.height, side), floor)
-    if config.shifted_patches:
-        again = correlation_in_patches(in_shifted_patches(sides, window, side), floor)
-        inside, mass = torch.cat((inside, again[0]), dim=1), torch.cat((mass, again[1]), dim=1) / 2
+    sides = torch.cat((scan, seen, pixel_share[..., None]), dim=-1)
+    side, floor = round(window.rows * patch_deg / 180), config.min_patch_variance
+    # In patches that begin in the middle of those as well: a photo has thirty, and where their borders lie decides much.
+    first = correlation_in_patches(in_patches(sides, window.height, side), floor)
+    again = correlation_in_patches(in_shifted_patches(sides, window, side), floor)
+    inside, mass = torch.cat((first[0], again[0]), dim=1), torch.cat((first[1], again[1]), dim=1) / 2
     coverage = total[:, 0] / (4 * torch.pi)
-    distance_square = (scan - panorama).square().sum(-1) / config.inlier_difference**2
+    distance_square = (scan - seen).square().sum(-1) / config.inlier_difference**2
     relative_coverage = (coverage / share).clamp(0, 1)
-    patch_correlation = (inside * mass).sum(-1)
     # Of what a patch shows, in standard deviations. Where much has changed, averages of correlations reward poses at which everything
     # agrees a little; this rewards those at which something agrees.
     explained = ((1 - (1 - inside.clamp(0, 1).square()).sqrt()) * mass).sum(-1)
-    rank = 2 * explained if config.ranks_by_explained else of_all + patch_correlation
+    score = 2 * explained * relative_coverage.sqrt()
+    if lines is not None:
+        score = score * (1 - config.lines_share * (1 - lines))
     return Agreement(
-        of_all,
-        patch_correlation,
-        _mutual_information(scan.mean(-1), panorama.mean(-1), pixel_share, config.brightness_bins),
+        correlation(scan, seen, pixel_share, config.min_variance).mean(-1),
+        (inside * mass).sum(-1),
+        _mutual_information(scan.mean(-1), seen.mean(-1), pixel_share, config.brightness_bins),
         (pixel_share / (1 + distance_square)).sum(-1),
         coverage,
         relative_coverage,
         explained,
-        rank * relative_coverage.sqrt(),
+        score,
+        lines,
     )
 
 
-def likeness(here: Comparison, there: Comparison, config: JudgeConfig, share: float) -> float:
-    """Return the score of the scan as photos would show it at one pose beside the scan as they would show it at another.
+def likeness(here: Comparison, there: Comparison, config: JudgeConfig, share: float, patch_deg: float) -> float:
+    """Return the score of the scan as images would show it at one pose beside the scan as they would show it at another.
 
     Both compared at one pose of the rig, in the same window of its axes: their pixels are the same directions.
     """
     both = here.weights * (there.weights > 0)
-    return float(agreement(replace(here, panorama=there.scan, weights=both), config, share).score)
+    return float(agreement(replace(here, seen=there.scan, weights=both), config, share, patch_deg).score)
 
 
 def _mutual_information(first: Tensor, second: Tensor, share: Tensor, bins: int) -> Tensor:
@@ -92,7 +100,7 @@ def _mutual_information(first: Tensor, second: Tensor, share: Tensor, bins: int)
 
 def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
     """Return the hypotheses (K) with their score and measures."""
-    names = [field.name for field in fields(measured) if field.name != "score"]
+    names = [f.name for f in fields(measured) if f.name != "score" and getattr(measured, f.name) is not None]
     columns = torch.stack([measured.score, *(getattr(measured, name) for name in names)], dim=1)
     return [
         replace(h, score=score, measures=dict(zip(names, values, strict=True)))

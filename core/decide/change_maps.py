@@ -65,7 +65,7 @@ def change_maps(
 
 def _pixel_scores(comparison: Comparison, config: ChangeConfig) -> Tensor:
     """Return a score per pixel (S,) from canonical colours after a last fit of light, forgiving shifts of one pixel."""
-    scan, panorama, weights = comparison.scan, comparison.panorama, comparison.weights
+    scan, panorama, weights = comparison.scan, comparison.seen, comparison.weights
     for _ in range(3):
         gain, offset = fit_gain_offset(panorama, scan, weights)
         fitted = panorama * gain[:, None] + offset[:, None]

@@ -1,58 +1,78 @@
 """Confidence: a calibrated probability that a pose is within 0.3 m and 10 degrees, and the radius of its error.
 
-The probability is a logistic function of what the judge measured and of the margin over the best other place; its coefficients were fitted
-by `panoloc evaluate fit` on poses with known truth (docs/confidence.md says on which, and how it held on others).
+The probability is a logistic function of what was measured at the pose and of how far it is ahead of other places; none of its features may
+count against a pose. Its coefficients were fitted by `panoloc evaluate fit` on poses with known truth (docs/confidence.md says on which,
+and how it held on others).
 """
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 
 import torch
 
-from panoloc.core.config import JudgeConfig
+from panoloc.core.decide.accuracy import NO_NOISE, RIGHT_DEG, RIGHT_M, Accuracy
 from panoloc.core.decide.hypotheses import Hypothesis
 
-RIGHT_M, RIGHT_DEG = 0.3, 10.0  # nearer than both a pose is right
-_HELD = 0.68  # of the poses are within their radii
-_USUALLY_APART = 7.0  # times the formal radius, halves of pictures whose pose is right; half of them are farther apart
-FEATURES = ("patch_correlation", "relative_margin", "distinctness", "halves", "sharpness", "lines")
+_USUALLY_APART = 7.0  # times the formal radius, halves of images whose pose is right; half of them are farther apart
+_GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other
+_FAR_AHEAD = 0.5  # of the score; places that are farther behind say nothing more
+# Of what was not measured: logarithms of how many times nearer than what is right halves meet, and of how much sharper the loss is; how
+# distinct places are that have no rival; and how well lines agree that are not asked.
+_UNKNOWN_HALVES, _UNKNOWN_SHARPNESS, _UNKNOWN_DISTINCTNESS, _UNKNOWN_LINES = 1.0, 3.5, 0.5, 0.8
+_BLIND = 10.0, 180.0  # formal radii, metres and degrees, where nothing is known
+_LEAST_LOGARITHM, _MOST_LOGARITHM = -1.0, 7.0
+FEATURES = (
+    "agreement",
+    "coverage",
+    "margin",
+    "distinctness",
+    "halves",
+    "sharpness",
+    "lines",
+)
 
 
 @dataclass(frozen=True)
 class RadiusModel:
-    """How large errors are: a product of powers of what the curvature of the loss says, of how far apart halves of the picture end, and of
-    the share of the sphere that was compared."""
+    """How large errors are: a product of powers of what the curvature of the loss says, of how far apart halves of the images end, of the
+    share of the sphere that was compared, and of how thick the surfaces of the scan are."""
 
     log_factor: float
     formal_power: float
     halves_power: float
     coverage_power: float  # by how much errors fall with it
+    thickness_power: float
 
-    def radius(self, formal: float, halves_apart: float | None, coverage: float) -> float:
+    def radius(self, formal: float, halves_apart: float | None, coverage: float, thickness_m: float) -> float:
         """Return the 68 % radius, in the unit of the formal one; halves_apart: in that unit, None where nobody asked."""
-        by_curvature, by_halves, by_coverage = radius_signs(formal, halves_apart, coverage)
-        power = self.formal_power * by_curvature + self.halves_power * by_halves + self.coverage_power * by_coverage
-        return math.exp(self.log_factor + power)
+        powers = self.formal_power, self.halves_power, self.coverage_power, self.thickness_power
+        signs = radius_signs(formal, halves_apart, coverage, thickness_m)
+        return math.exp(self.log_factor + sum(power * sign for power, sign in zip(powers, signs, strict=True)))
 
 
-def radius_signs(formal: float, halves_apart: float | None, coverage: float) -> tuple[float, float, float]:
+def radius_signs(
+    formal: float, halves_apart: float | None, coverage: float, thickness_m: float
+) -> tuple[float, float, float, float]:
     """Return the logarithms that a `RadiusModel` weighs: of the formal radius and of how far halves end apart, both in metres or both in
-    degrees, and of one over the coverage, 0..1."""
+    degrees, of one over the coverage, 0..1, and of how thick surfaces are, over that of a good scan."""
     formal = max(formal, 1e-9)
     # Halves that meet nearer than curvature allows do so by chance.
     apart = _USUALLY_APART * formal if halves_apart is None else max(halves_apart, formal)
-    return math.log(formal), math.log(apart), -math.log(max(coverage, 1e-3))
+    thick = math.log(max(thickness_m / _GOOD_THICKNESS_M, 1.0))
+    return math.log(formal), math.log(apart), -math.log(max(coverage, 1e-3)), thick
 
 
 @dataclass(frozen=True)
 class ConfidenceModel:
-    """Logistic coefficients by feature, the threshold for `localized`, and the error radii of position (m) and orientation (degrees)."""
+    """Logistic coefficients by feature, how much scores tell between aliases, the threshold for `localized`, and the error radii of
+    position (m) and orientation (degrees)."""
 
     intercept: float
     coefficients: Mapping[str, float]
+    alias_power: float
     threshold: float
     position_radius: RadiusModel
     orientation_radius: RadiusModel
@@ -62,6 +82,26 @@ class ConfidenceModel:
         logit = self.intercept + sum(self.coefficients[name] * features[name] for name in FEATURES)
         return 1 / (1 + math.exp(-max(-50.0, min(50.0, logit))))
 
+    def confidence(self, best: Hypothesis, rivals: Sequence[Hypothesis]) -> float:
+        """Return how probably a pose is right against its rivals: that it fits, and that it is the one of its aliases that was taken.
+
+        Between places that look the same only the scores tell: their probabilities go with powers of these.
+        """
+        odds = sum(math.exp(-self.alias_power * margin) for margin in alias_margins(best, rivals))
+        return self.probability(features_of(best, rivals)) / (1 + odds)
+
+    def accuracy(self, hypothesis: Hypothesis, noise: Accuracy = NO_NOISE) -> Accuracy:
+        """Return the radii of a pose. noise: what adds to the errors of the pose itself."""
+        formal, measures = formal_radii(hypothesis), hypothesis.measures
+        if formal is None:
+            return Accuracy(None, None)
+        coverage, thickness_m = measures["coverage"], measures.get("thickness_m", 0.0)
+        position_m = self.position_radius.radius(formal[0], measures.get("halves_apart_m"), coverage, thickness_m)
+        orientation_deg = self.orientation_radius.radius(
+            formal[1], measures.get("halves_apart_deg"), coverage, thickness_m
+        )
+        return Accuracy(position_m, min(orientation_deg, 180.0)).with_noise(noise)
+
 
 def load_confidence_model() -> ConfidenceModel:
     """Read the fitted coefficients that ship with the package."""
@@ -69,43 +109,49 @@ def load_confidence_model() -> ConfidenceModel:
     return ConfidenceModel(
         data["intercept"],
         data["coefficients"],
+        data["alias_power"],
         data["threshold"],
         RadiusModel(**data["position_radius"]),
         RadiusModel(**data["orientation_radius"]),
     )
 
 
-def features_of(
-    hypothesis: Hypothesis, best_elsewhere: float, formal: tuple[float, float] | None, config: JudgeConfig
-) -> dict[str, float]:
-    """Return the signs of confidence of a hypothesis.
-
-    best_elsewhere: the judge's score of the best candidate at another place, 0 where there is none. formal: its `formal_radii`, None where
-    nobody asked.
-    """
-    measures, score = hypothesis.measures, hypothesis.score
-    halves, sharpness = config.unknown_halves, config.unknown_sharpness
+def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, float]:
+    """Return the features of a pose against its rivals at other places."""
+    measures, formal = best.measures, formal_radii(best)
+    halves, sharpness = _UNKNOWN_HALVES, _UNKNOWN_SHARPNESS
     if "halves_apart_m" in measures:
-        apart = math.hypot(measures["halves_apart_m"] / RIGHT_M, measures["halves_apart_deg"] / RIGHT_DEG)
-        halves = _times_nearer(apart, config.halves_range)
+        halves = _times_nearer(
+            math.hypot(measures["halves_apart_m"] / RIGHT_M, measures["halves_apart_deg"] / RIGHT_DEG)
+        )
     if formal is not None:
-        sharpness = _times_nearer(formal[1] / RIGHT_DEG, config.sharpness_range)
+        sharpness = _times_nearer(formal[1] / RIGHT_DEG)
+    alike = [rival.likeness for rival in rivals if rival.likeness is not None]
     return {
-        "patch_correlation": measures["patch_correlation"],
-        "relative_margin": 1 - best_elsewhere / max(score, best_elsewhere)
-        if best_elsewhere > 0
-        else config.unknown_relative_margin,
-        "distinctness": measures.get("distinctness", config.unknown_distinctness),
+        "agreement": measures["patch_correlation"],
+        "coverage": math.log(max(measures["relative_coverage"], 0.05)),
+        "margin": _margin(best, [rival for rival in rivals if not rival.is_alias]),
+        "distinctness": 1 - min(1.0, max(0.0, *alike) / max(best.score, 1e-6)) if alike else _UNKNOWN_DISTINCTNESS,
         "halves": halves,
         "sharpness": sharpness,
-        "lines": measures.get("lines", config.unknown_lines),
+        "lines": measures.get("lines", _UNKNOWN_LINES),
     }
 
 
-def _times_nearer(share: float, limits: tuple[float, float]) -> float:
+def alias_margins(best: Hypothesis, rivals: Sequence[Hypothesis]) -> tuple[float, ...]:
+    """Return by how much a score is over that of each of its aliases."""
+    return tuple(_margin(best, [rival]) for rival in rivals if rival.is_alias)
+
+
+def _margin(best: Hypothesis, rivals: Sequence[Hypothesis]) -> float:
+    """Return by how much a score is over that of the best rival, as a share of it, within `_FAR_AHEAD` either way."""
+    rival = max((each.score for each in rivals), default=0.0)
+    return max(-_FAR_AHEAD, min(_FAR_AHEAD, 1 - rival / max(best.score, 1e-6)))
+
+
+def _times_nearer(share: float) -> float:
     """Return the logarithm of how many times nearer than what is right something is that is a `share` of that apart."""
-    lowest, highest = limits
-    return min(max(-math.log(max(share, 1e-9)), lowest), highest)
+    return min(max(-math.log(max(share, 1e-9)), _LEAST_LOGARITHM), _MOST_LOGARITHM)
 
 
 def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
@@ -115,31 +161,9 @@ def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
     """
     if hypothesis.hessian is None:
         return None
-    hessian = hypothesis.hessian.double().cpu()
+    if float(hypothesis.hessian.diagonal().sum()) <= 0:
+        return _BLIND  # nothing of the images agrees, which is no agreement
+    hessian = hypothesis.hessian
     covariance = torch.linalg.pinv(hessian + 1e-9 * torch.eye(6, dtype=torch.float64)) * hypothesis.residual_scale**2
     diagonal = torch.diagonal(covariance).clamp_min(0)
     return math.sqrt(float(diagonal[3:].sum())), math.degrees(math.sqrt(float(diagonal[:3].sum())))
-
-
-def error_radii(
-    formal: tuple[float, float] | None, measures: Mapping[str, float], model: ConfidenceModel
-) -> tuple[float | None, float | None]:
-    """Return 68 % radii of position (metres) and orientation (degrees) from the formal ones and the judge's measures.
-
-    How both go together was fitted on poses with known truth. None where a method gives no curvature.
-    """
-    if formal is None:
-        return None, None
-    coverage = measures["coverage"]
-    position = model.position_radius.radius(formal[0], measures.get("halves_apart_m"), coverage)
-    return position, min(model.orientation_radius.radius(formal[1], measures.get("halves_apart_deg"), coverage), 180.0)
-
-
-def share_within(position_m: float | None, orientation_deg: float | None) -> float:
-    """Return the share of poses with these 68 % radii that are nearer to the truth than what is right, errors being normal in the plane.
-
-    Nothing is surer to be right than its radius allows. 1 where a radius is not known.
-    """
-    known = ((RIGHT_M, position_m), (RIGHT_DEG, orientation_deg))
-    shares = [1 - (1 - _HELD) ** ((limit / radius) ** 2) for limit, radius in known if radius]
-    return min(shares, default=1.0)

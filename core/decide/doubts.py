@@ -1,11 +1,10 @@
-"""Doubts about an answer for photos that no score of the pose itself tells: images that contradict it, a scan that has little of what they
-show, images that show next to nothing, a field of view at the end of its bounds. Each turns a localized answer into none, and says why."""
+"""The rules that turn a localized answer into none whatever the model says: a field of view outside of its limits, images without texture,
+images that contradict each other."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 from panoloc.core.config import JudgeConfig
-from panoloc.core.decide.confidence import share_within
 from panoloc.core.decide.photo_agreement import PhotoAgreement
 from panoloc.core.results import Localization
 
@@ -35,23 +34,6 @@ class Doubts:
             return found
         return self._refused(found, best.confidence * (1 - share))
 
-    def unless_seen_little_of(self, found: Localization) -> Localization:
-        """Return the answer, not localized where the scan has little of what photos show at the pose and that little leaves a doubt.
-
-        What is not compared cannot speak against a pose.
-        """
-        judge, best = self._config, found.best
-        if found.status != "localized" or best is None or found.evidence is None:
-            return found
-        compared = found.evidence.measures["relative_coverage"]
-        if compared >= judge.least_compared or best.confidence >= judge.sure_of_little:
-            return found
-        warning = (
-            f"at the pose that fits best the scan has only {compared:.0%} of what the images show, "
-            "too little for a pose that is not beyond doubt"
-        )
-        return self._refused(found, best.confidence, warning)
-
     def unless_plain(self, found: Localization, edges_deg: float | None) -> Localization:
         """Return the answer, not localized where images show hardly any edges: a plain wall in soft light fits in many places, and which of
         them fits best is chance. edges_deg: how long all edges are together; None: nobody knows."""
@@ -71,22 +53,6 @@ class Doubts:
             return replace(found, warnings=(*found.warnings, lost))
         warning = f"the photo fits best {at_bound}; widen the range"
         return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
-
-    def unless_focal_length_matters(self, found: Localization) -> Localization:
-        """Return the answer no surer than its radius allows, which tells what an uncertain focal length leaves open; not localized where
-        that is too little."""
-        best = found.best
-        if best is None or found.status == "not_localized":
-            return found
-        allowed = share_within(found.accuracy_position_m, found.accuracy_orientation_deg)
-        if allowed >= self._threshold:
-            others = tuple(replace(other, confidence=min(other.confidence, allowed)) for other in found.alternatives)
-            return replace(found, best=replace(best, confidence=min(best.confidence, allowed)), alternatives=others)
-        warning = (
-            f"the field of view is not known well enough to say where the image was taken to less than {found.accuracy_position_m:.2f} m; "
-            "send hfov_deg or the intrinsics, or more images"
-        )
-        return self._refused(found, best.confidence, warning)
 
     def _refused(self, found: Localization, confidence: float, warning: str | None = None) -> Localization:
         """Return the answer as one that is not localized, no surer than that and half the threshold; nor are its alternatives."""

@@ -34,11 +34,11 @@ class PhotoAgreement:
 
 def agreement_by_photo(comparison: Comparison | None, count: int, config: JudgeConfig) -> list[PhotoAgreement | None]:
     """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view."""
-    if comparison is None or comparison.photo is None:
+    if comparison is None:
         return [None] * count
     found = []
     for number in range(count):
-        weights = comparison.weights * (comparison.photo == number)
+        weights = comparison.weights * (comparison.image == number)
         found.append(_agreement(comparison, weights, config) if float(weights.sum()) > 0 else None)
     return found
 
@@ -46,7 +46,7 @@ def agreement_by_photo(comparison: Comparison | None, count: int, config: JudgeC
 def _agreement(comparison: Comparison, weights: Tensor, config: JudgeConfig) -> PhotoAgreement:
     """Measure one photo, whose pixels alone have weights (1, S)."""
     shares = weights / weights.sum()
-    scan, photo, window = comparison.scan, comparison.panorama, comparison.views.window
+    scan, photo, window = comparison.scan, comparison.seen, comparison.views.window
     sides = torch.cat((scan, photo, shares[..., None]), dim=-1)
     patches = in_patches(sides, window.height, window.rows // config.photo_patch_rows)
     inside, mass = correlation_in_patches(patches, config.min_patch_variance)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.exports.frames import cam_from_world, quaternion_wxyz
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, plain, text_file
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import ScanOptions
+from panoloc.core.scan.file_names import distinct_names
 from panoloc.core.scan.reading import read_scan
 
 FACES: tuple[str, ...] = ("front", "right", "back", "left", "up", "down")

@@ -11,9 +11,9 @@ from typing import Any
 
 from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.errors import ExportRefusedError
-from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.exports.frames import GL_FROM_FLU, EarthPose, PhotoAngles, earth_pose, photo_angles, turned_by
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, plain
+from panoloc.core.scan.file_names import distinct_names
 
 _WGS84 = 4326
 _MAX_ARCGIS_ROLL_DEG = 90.0

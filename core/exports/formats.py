@@ -7,9 +7,9 @@ from typing import Literal
 
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports import colmap, e57, earth, gpano, reconstruction, robots, viewers
-from panoloc.core.exports.file_names import display_name
 from panoloc.core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
+from panoloc.core.scan.file_names import display_name
 
 North = Literal["map", "grid", "true"]
 

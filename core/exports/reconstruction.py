@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.exports.frames import CV_FROM_FLU, GL_FROM_FLU, cam_from_world, turned_by
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, plain
 from panoloc.core.geometry.pose import Pose, quaternion_of
 from panoloc.core.options import ScanOptions
+from panoloc.core.scan.file_names import distinct_names
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.reading import read_scan
 

@@ -16,8 +16,6 @@ from torch import Tensor
 from panoloc.core.config import CONTRAST
 from panoloc.core.geometry.sphere_window import SphereWindow
 
-_ROWS = CONTRAST.rows
-
 
 def local_contrast(color: Tensor, valid: Tensor, window: SphereWindow | None = None) -> Tensor:
     """Return the ratio of (B, H, W, 3) colours to their surroundings, its logarithm squashed to 0..1; 0.5 where there is no contrast.
@@ -32,33 +30,44 @@ def local_contrast(color: Tensor, valid: Tensor, window: SphereWindow | None = N
     return contrast.mul_(known / CONTRAST.scale).tanh_().add_(1).mul_(0.5)
 
 
-def mixed_with_contrast(equalized: Tensor, color: Tensor, valid: Tensor, share: float) -> Tensor:
-    """Return equalized colours (B, H, W, 3) mixed with a `share` in 0..1 of the local contrast of the colours as they were."""
-    return torch.lerp(equalized, local_contrast(color, valid), share)
+def mean_around(sums: Tensor, weights: Tensor) -> Tensor:
+    """Return the mean (..., 3, S) around each of S pixels, of sums over its cell of values and validity (..., 4, S).
+
+    weights: (S, S), how much each pixel (first axis) counts around each other one.
+    """
+    total = sums @ weights
+    return total[..., :3, :] / total[..., 3:, :].clamp_min(1e-6)
+
+
+def weights_between(directions: Tensor, solid: Tensor) -> Tensor:
+    """Return how much each of S directions (first axis), with its solid angle (S,), counts around each other one, (S, S)."""
+    return solid[:, None] * (CONTRAST.concentration * (directions @ directions.T - 1)).exp()
+
+
+def enlarged(mean: Tensor, size: tuple[int, int], is_round: bool) -> Tensor:
+    """Return smooth images (B, C, h, w) at another size (H, W), bilinearly, around the seam where the last column is beside the first."""
+    if not is_round:
+        return torch.nn.functional.interpolate(mean, size=size, mode="bilinear")
+    # Some columns more on each side, as many as are whole columns of the large image.
+    margin = mean.shape[-1] // math.gcd(mean.shape[-1], size[1])
+    wide_margin = margin * size[1] // mean.shape[-1]
+    wrapped = torch.nn.functional.pad(mean, (margin, margin, 0, 0), mode="circular")
+    wide = torch.nn.functional.interpolate(wrapped, size=(size[0], size[1] + 2 * wide_margin), mode="bilinear")
+    return wide[..., wide_margin:-wide_margin]
 
 
 def _mean_around(values: Tensor, valid: Tensor, window: SphereWindow) -> Tensor:
     """Return the weighted mean around each pixel of values (B, H, W, 3) that are zero where invalid."""
-    stride, around = max(1, window.rows // CONTRAST.sampled_rows), window.at(_ROWS)
+    stride, around = max(1, window.rows // CONTRAST.sampled_rows), window.at(CONTRAST.rows)
     some = slice(stride // 2, None, stride)
     planes = torch.cat((values[:, some, some], valid[:, some, some, None]), dim=-1).permute(0, 3, 1, 2)
     small = torch.nn.functional.interpolate(planes, size=(around.height, around.width), mode="area")
-    sums = small.flatten(2) @ _weights_around(around, str(values.device))
-    mean = (sums[:, :3] / sums[:, 3:].clamp_min(1e-6)).view(len(values), 3, around.height, around.width)
-    size = window.height, window.width
-    if not window.is_round:
-        return torch.nn.functional.interpolate(mean, size=size, mode="bilinear").permute(0, 2, 3, 1)
-    # Some columns more on each side, as many as are whole columns of the large image, so that interpolation goes on around the seam.
-    margin = around.width // math.gcd(around.width, window.width)
-    wide_margin = margin * window.width // around.width
-    wrapped = torch.nn.functional.pad(mean, (margin, margin, 0, 0), mode="circular")
-    wide = torch.nn.functional.interpolate(wrapped, size=(size[0], size[1] + 2 * wide_margin), mode="bilinear")
-    return wide[..., wide_margin:-wide_margin].permute(0, 2, 3, 1)
+    mean = mean_around(small.flatten(2), _weights_around(around, str(values.device)))
+    mean = mean.view(len(values), 3, around.height, around.width)
+    return enlarged(mean, (window.height, window.width), window.is_round).permute(0, 2, 3, 1)
 
 
 @lru_cache(maxsize=8)
 def _weights_around(window: SphereWindow, device: str) -> Tensor:
-    """Return how much each pixel (first axis) of the small image counts around each other one, (S, S)."""
     with torch.inference_mode(False):  # it outlives the query that asked for it first
-        directions, solid = window.directions(torch.device(device)), window.solid_angles(torch.device(device))
-        return solid[:, None] * (CONTRAST.concentration * (directions @ directions.T - 1)).exp()
+        return weights_between(window.directions(torch.device(device)), window.solid_angles(torch.device(device)))

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from panoloc.core.features.patch_grid import PatchGrid
+
 _BLOCK = 128  # columns of a symmetric product that are computed at a time
 # Roots of exact zeros take eight times as long on a CPU, and most bins are empty; its root is below what single precision keeps.
 _LEAST = 1e-30
@@ -33,6 +35,12 @@ class ViewDescriptors:
     values: Tensor
     basis: Tensor
     weights: Tensor
+
+    def take(self, keep: Tensor) -> "ViewDescriptors":
+        """Return the descriptors of the views numbered `keep`."""
+        if len(keep) == len(self.values):
+            return self
+        return ViewDescriptors(self.values[keep], self.basis, self.weights[keep])
 
 
 def centered_roots(histograms: Tensor, solid_angles: Tensor) -> tuple[Tensor, Tensor]:
@@ -96,24 +104,35 @@ def pooled(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     return mean / total.clamp_min(1e-9)[..., None], total
 
 
-def similarity_tensor(query: Tensor, views: Tensor) -> Tensor:
-    """Return the centred similarity I (T, P, P) of query patches (P, D) (first) and view patches (T, P, D) (second).
+@dataclass(frozen=True)
+class DescribedPatches:
+    """Patches of a rig: values (Q, D), their numbers on `grid` (Q,), and weights (Q,) that sum to one."""
 
-    In memory the start comes last, so that the gather of `panoloc.core.search.pose_scores` reads whole rows and nothing
-    has to be copied.
+    values: Tensor
+    numbers: Tensor
+    weights: Tensor
+    grid: PatchGrid
+
+    def towards(self, rotations: Tensor) -> Tensor:
+        """Return the patch (R, Q) of a view that each patch lies on under rotations (R, 3, 3) map_from_rig (paper, Eq. 1)."""
+        centers = self.grid.centers(rotations.device)[self.numbers]
+        return self.grid.nearest_patch(torch.einsum("rab,qb->rqa", rotations, centers))
+
+
+def patch_scores(patches: DescribedPatches, views: ViewDescriptors, rotations: Tensor) -> Tensor:
+    """Return the scores (T, R) of all views with rotations (R, 3, 3) map_from_rig: Σ_i weight_i · I[t, i, π_r(i)].
+
+    I is divided by its weighted standard deviation per view, so that scores are comparable between views: the score of a pose says how much
+    better this alignment is than a random pairing of the same patches.
     """
-    num_views, num_patches, size = views.shape
-    product = query @ views.transpose(0, 1).reshape(-1, size).T
-    return product.view(len(query), num_patches, num_views).permute(2, 0, 1)
-
-
-def normalize_per_view(tensor: Tensor, query_weights: Tensor, view_weights: Tensor) -> Tensor:
-    """Divide I (T, P, P) by its weighted standard deviation per view, so that scores are comparable between views.
-
-    The score of a pose then says how much better this alignment is than a random pairing of the same patches.
-    """
-    num_views, num_patches, _ = tensor.shape
-    squares = tensor.square().permute(1, 2, 0).reshape(num_patches, -1)
-    per_view_patch = (query_weights @ squares).view(-1, num_views)
-    deviation = (per_view_patch * view_weights.T).sum(0).sqrt().clamp_min(1e-9)
-    return tensor / deviation[:, None, None]
+    num_views, num_patches, size = views.values.shape
+    # In memory the start comes last, so that the gather reads whole rows and nothing has to be copied.
+    tensor = patches.values @ views.values.transpose(0, 1).reshape(-1, size).T
+    tensor = tensor.view(len(patches.values), num_patches, num_views)
+    spread = (patches.weights @ tensor.square().flatten(1)).view(num_patches, num_views)
+    deviation = (spread * views.weights.T).sum(0).sqrt().clamp_min(1e-9)
+    rows = tensor.div_(deviation).view(-1, num_views)
+    first = torch.arange(len(patches.values), device=rotations.device) * num_patches
+    weights = patches.weights.expand(len(rotations), -1).contiguous()
+    met = patches.towards(rotations) + first
+    return torch.nn.functional.embedding_bag(met, rows, mode="sum", per_sample_weights=weights).T

@@ -21,6 +21,10 @@ class PatchGrid:
     def __len__(self) -> int:
         return self.rows * self.columns
 
+    def halved(self, halvings: int) -> "PatchGrid":
+        """Return the grid of patches that are taken together in squares of 2 ^ `halvings` a side."""
+        return PatchGrid(self.rows >> halvings, self.columns >> halvings)
+
     def centers(self, device: torch.device | str = "cpu") -> Tensor:
         """Return the unit viewing directions (P, 3) of the patch centres."""
         return pixel_directions(self.rows, self.columns, device).flatten(0, 1)

@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import LineConfig
-from panoloc.core.image.photo_atlas import PhotoAtlas
-from panoloc.core.image.photo_level import PhotoWindows
+from panoloc.core.image.rig_pyramid import RigPyramid, Windows
 
 _DARKEST = 0.05  # added to colours before their logarithm is taken, so that noise in the dark is no edge
 _SURELY_VALID = 0.999
@@ -40,9 +39,9 @@ class Edges:
         return Edges(self.directions[::stride], self.normals[::stride], self.length_deg)
 
 
-def edges_of_photos(atlas: PhotoAtlas, config: LineConfig) -> Edges:
+def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
     """Return some of the strongest edges of all photos together, thinned to one pixel across; few or none where hardly any are."""
-    windows = atlas.windows(min(config.rows, atlas.finest_rows))
+    windows = pyramid.windows(min(config.rows, pyramid.finest_rows))
     magnitude, east, north = _gradients(windows)
     strongest = _ridges(magnitude, east, north, windows).flatten()
     # Where most of a photo is plain, how fast colours change there is noise.
@@ -53,13 +52,13 @@ def edges_of_photos(atlas: PhotoAtlas, config: LineConfig) -> Edges:
     count = min(edges, max(config.fewest_real_edges, outstanding), config.strongest_edges)
     length_deg = both * 180 / windows.rows
     chosen = strongest.topk(count).indices[:: config.edge_stride]
-    directions = windows.direction.flatten(1)[:, chosen].T
+    directions = windows.directions.flatten(0, 1)[chosen]
     normals = _tangents(directions, east.flatten()[chosen], north.flatten()[chosen])
-    turned = atlas.rotations[windows.photo.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)
+    turned = pyramid.rotations[windows.image.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)
     return Edges(turned[..., 0].contiguous(), turned[..., 1].contiguous(), length_deg)
 
 
-def _gradients(windows: PhotoWindows) -> tuple[Tensor, Tensor, Tensor]:
+def _gradients(windows: Windows) -> tuple[Tensor, Tensor, Tensor]:
     """Return how fast colours change at each pixel (H, W), and the unit direction of it, to the east and north (H, W) of the sphere.
 
     Of all channels together: the largest eigenvalue of their structure tensor (Di Zenzo 1986), so that edges between equally bright
@@ -68,7 +67,7 @@ def _gradients(windows: PhotoWindows) -> tuple[Tensor, Tensor, Tensor]:
     share = _smoothed(windows.valid[None])
     smooth = _smoothed(windows.color * windows.valid) / share.clamp_min(1e-6)
     planes = windows.level((smooth + _DARKEST).log()).planes
-    x, y = windows.direction[:2]
+    x, y, _ = windows.directions.unbind(-1)
     east, north = planes[3:6] / torch.hypot(x, y).clamp_min(1e-3), planes[6:9]
     first, mixed, second = (east * east).sum(0), (east * north).sum(0), (north * north).sum(0)
     spread = ((first - second).square() / 4 + mixed.square()).sqrt()
@@ -77,9 +76,9 @@ def _gradients(windows: PhotoWindows) -> tuple[Tensor, Tensor, Tensor]:
     return magnitude, angle.cos(), angle.sin()
 
 
-def _ridges(magnitude: Tensor, east: Tensor, north: Tensor, windows: PhotoWindows) -> Tensor:
+def _ridges(magnitude: Tensor, east: Tensor, north: Tensor, windows: Windows) -> Tensor:
     """Return the magnitude (H, W) where it is the largest across the edge, and zero elsewhere (Canny 1986)."""
-    x, y = windows.direction[:2]
+    x, y, _ = windows.directions.unbind(-1)
     # Columns run against the azimuth, and are narrower towards the poles; rows run against the elevation.
     columns, rows = -east / torch.hypot(x, y).clamp_min(1e-3), -north
     longest = torch.maximum(columns.abs(), rows.abs()).clamp_min(1e-9)

@@ -40,13 +40,26 @@ def shrunk_image(
     if factor < 2:
         return color, valid, camera
     size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
+    small, seen = resized_image(color, valid, size)
+    return small, seen, camera.resized(*size)
+
+
+def resized_image(
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], size: tuple[int, int], is_labels: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return an image (h, w, 3) and its validity (h, w) at another `size`, width and height: averaged, or of labels picked."""
+    if size == valid.shape[::-1]:
+        return color, valid
+    if is_labels:
+        rows, columns = (np.arange(side) * given // side for side, given in zip(size[::-1], valid.shape, strict=True))
+        return color[rows][:, columns], valid[rows][:, columns]
     if bool(valid.all()):
-        return _averaged(color, size), np.ones(size[::-1], np.bool_), camera.resized(*size)
+        return _averaged(color, size), np.ones(size[::-1], np.bool_)
     # Masked pixels must not bleed into their neighbours: their average is taken out again.
     share = _averaged(valid.astype(np.uint8) * 255, size).astype(np.float32) / 255
     mean = _averaged(color * valid[..., None], size).astype(np.float32)
     small = np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8)
-    return small, share > 0.99, camera.resized(*size)
+    return small, share > 0.99
 
 
 def _averaged(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

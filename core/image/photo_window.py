@@ -17,6 +17,7 @@ from panoloc.core.errors import OptionsError, PanoramaUnusableError
 from panoloc.core.image.image_on_sphere import (
     LARGEST_STEP,
     directions_of_grid,
+    resized_image,
     sample_image,
     shrunk_image,
     small_sphere_directions,
@@ -40,12 +41,20 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
     Raises OptionsError where the camera belongs to an image of another shape, and PanoramaUnusableError where next to nothing is visible.
     """
     camera = camera.resized(color.shape[1], color.shape[0])
+    if camera.is_whole_sphere:
+        return Panorama(color, valid) if color.shape[1] == 2 * color.shape[0] else _two_to_one(color, valid)
     rows = _rows_of_sphere(camera)
     color, valid, camera = shrunk_image(color, valid, camera, rows)
     u, v, shown = project_to_image(camera, sphere_directions(rows))
     sampled, seen = sample_image(color, valid, u, v, shown)
     _check_share(seen, camera)
     return Panorama(sampled, seen)
+
+
+def _two_to_one(color: NDArray[np.uint8], valid: NDArray[np.bool_]) -> Panorama:
+    """Return a full sphere that is a pixel off the shape of one."""
+    rows = valid.shape[0]
+    return Panorama(*resized_image(color, valid, (2 * rows, rows)))
 
 
 def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
@@ -82,8 +91,12 @@ def _check_share(seen: NDArray[np.bool_], camera: Camera) -> None:
 
 def _rows_of_sphere(camera: Camera) -> int:
     """Return the rows (a power of two) of a sphere that is about as fine as the photo, within bounds."""
-    wanted = math.pi * min(camera.fx_px, camera.fy_px)
-    return int(min(max(2 ** round(math.log2(max(wanted, 1.0))), _MIN_ROWS), _MAX_ROWS))
+    return min(max(_nearest_power(camera), _MIN_ROWS), _MAX_ROWS)
+
+
+def _nearest_power(camera: Camera) -> int:
+    """Return the rows, a power of two, of the sphere that is about as fine as the image of a camera."""
+    return int(max(2 ** round(math.log2(max(math.pi * min(camera.fx_px, camera.fy_px), 1.0))), _COARSEST_ROWS))
 
 
 @dataclass(frozen=True)
@@ -99,8 +112,13 @@ class PhotoOnWindow:
     cone: float
 
 
-def photo_on_window(photo: Photo, rows: int, is_labels: bool) -> PhotoOnWindow:
-    """Sample a photo on the window of a sphere of `rows` rows that it fills."""
+def photo_on_window(photo: Photo, max_rows: int, is_labels: bool) -> PhotoOnWindow:
+    """Sample a photo on the window that it fills of a sphere of about its own resolution, `max_rows` at most."""
+    rows = int(min(max(_nearest_power(photo.camera), _MIN_ROWS), max_rows))
+    if photo.camera.is_whole_sphere:
+        rows = min(_nearest_power(photo.camera), max_rows)
+        color, valid = resized_image(photo.color, photo.valid, (2 * rows, rows), is_labels)
+        return PhotoOnWindow(color, valid, rows, 0, 0, math.pi)
     shows = _shown(photo)
     row0, row1, column0, column1 = _extent(shows, rows)
     color, valid, camera = photo.color, photo.valid, photo.camera

@@ -6,7 +6,6 @@ alpha channel or a separate mask marks pixels to ignore, and what is found not t
 (`panoloc.core.image.invalid_regions`) is ignored as well.
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -38,8 +37,6 @@ def read_panorama(
 ) -> Panorama:
     """Decode a panorama, or a photo onto the sphere; arguments and errors as of `read_image`."""
     image = read_image(data, mask, camera=camera, max_pixels=max_pixels)
-    if isinstance(image, Panorama):
-        return image
     return replace(photo_on_sphere(image.color, image.valid, image.camera), left_out=image.left_out)
 
 
@@ -49,8 +46,8 @@ def read_image(
     *,
     camera: CameraDescription | None = None,
     max_pixels: int = MAX_PIXELS,
-) -> Panorama | Photo:
-    """Decode a panorama, or a photo of a known camera.
+) -> Photo:
+    """Decode a photo of a known camera; a panorama is one of a camera that wraps.
 
     data: a JPEG, PNG or WebP file, 8 or 16 bit. mask: an image of the same aspect ratio, non-zero = ignore. camera: what took it; None: the
     file says so itself. max_pixels: checked against the header before anything is decoded.
@@ -84,7 +81,7 @@ def read_image(
     color, valid = color_and_alpha(pixels)
     if crop is not None:
         color, valid = place_crop(color, valid, crop, max_pixels)
-    return Panorama(color, *_counting(color, _masked(valid, mask, max_pixels), valid, True))
+    return Photo.of_panorama(Panorama(color, *_counting(color, _masked(valid, mask, max_pixels), valid, True)))
 
 
 def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Photo:
@@ -93,7 +90,7 @@ def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bo
     _draft(image, factor)
     color, valid = color_and_alpha(reduced(decode(image, IMAGE, turned=not as_stored), factor))
     camera = camera.resized(valid.shape[1], valid.shape[0])
-    valid, left_out = _counting(color, _masked(valid, mask, max_pixels), valid, _shows_full_sphere(camera))
+    valid, left_out = _counting(color, _masked(valid, mask, max_pixels), valid, camera.is_whole_sphere)
     check_share(valid, camera)
     return Photo(color, valid, camera, left_out)
 
@@ -131,13 +128,3 @@ def _counting(
     shown = valid & ~found.missing
     # Where a mask leaves nothing else, what it leaves was meant.
     return (shown, found.words) if shown.any() else (valid, ())
-
-
-def _shows_full_sphere(camera: Camera) -> bool:
-    """Tell whether the image of a camera is a full sphere: twice as wide as high, all around."""
-    full_turn = 2 * math.pi * camera.fx_px
-    return (
-        camera.model == "equirectangular"
-        and abs(camera.width_px - full_turn) < 1
-        and is_full_sphere((camera.width_px, camera.height_px))
-    )

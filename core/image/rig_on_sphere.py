@@ -1,18 +1,18 @@
-"""The photos of a session on one sphere, as if all had been taken from one place: for pictures, and for whatever needs no more."""
+"""The images of a rig on one sphere, as if all had been taken from one place: for pictures, and for whatever needs no more."""
 
 import numpy as np
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Session, session_from_rig
+from panoloc.core.camera.rig import Rig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.photo_window import photo_on_sphere
 
 
-def session_on_sphere(session: Session) -> tuple[Panorama, Pose]:
-    """Return one panorama of all photos, the rest masked, and session_from_panorama: the session's axes, the middle of the cameras."""
+def rig_on_sphere(rig: Rig) -> tuple[Panorama, Pose]:
+    """Return one panorama of all images, the rest masked, and session_from_panorama: the session's axes, the middle of the cameras."""
     spheres = [
         (photo_on_sphere(image.photo.color, image.photo.valid, image.photo.camera), image.session_from_camera)
-        for image in session.images
+        for image in rig.images
     ]
     rows = max(len(sphere.valid) for sphere, _ in spheres)
     if len(spheres) == 1 and np.allclose(spheres[0][1].rotation, np.eye(3)):
@@ -31,4 +31,4 @@ def session_on_sphere(session: Session) -> tuple[Panorama, Pose]:
         at = np.minimum(r.astype(int), height - 1), c.astype(int) % (2 * height)
         better = sphere.valid[at] & (seen[..., 0] > best)
         color[better], valid[better], best[better] = sphere.color[at][better], True, seen[..., 0][better]
-    return Panorama(color, valid), session_from_rig(session)
+    return Panorama(color, valid), rig.session_from_rig

@@ -13,16 +13,16 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import IndexConfig, StartsConfig
-from panoloc.core.features.equalization import LabelCodes, label_codes
-from panoloc.core.features.fine_views import FineViewCollector, RenderedViews, histograms_of_views
-from panoloc.core.features.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.described_views import RenderedViews, ViewCollector
+from panoloc.core.features.equalization import equalize
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.image.label_codes import label_codes
+from panoloc.core.map.aliases import find_aliases
 from panoloc.core.map.map_index import INDEX_VERSION, MapIndex
 from panoloc.core.map.starts import Starts, grid_starts, octree_starts
 from panoloc.core.options import IndexOptions
-from panoloc.core.render.described_view import views_to_describe
 from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud, point_spacing
-from panoloc.core.render.synthetic_view import RENDER_BATCH
+from panoloc.core.render.synthetic_view import RENDER_BATCH, render_views
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.voxel_thinning import thin_to_spacing
 
@@ -60,13 +60,28 @@ def build_map_index(
     spacing = point_spacing(positions)
     centers = torch.from_numpy(starts.positions).float().to(device)
     rendered = make_render_cloud(positions, colors, spacing)
-    views = _ViewCollector(config, labels, rendered, centers)
+    described = config.descriptors
+
+    def render(part: Tensor) -> tuple[RenderedViews, Tensor]:
+        """Return the views from centers (B, 3), and in which pixels (B, H, W) a point falls."""
+        return views_to_describe(rendered, part, described.view_height, labels is not None)
+
+    sample = [
+        render(part)[0] for part in torch.split(centers[:: max(1, len(centers) // described.basis_views)], RENDER_BATCH)
+    ]
+    together = RenderedViews(*(torch.cat([getattr(p, f.name) for p in sample]) for f in fields(RenderedViews)))
+    collector = ViewCollector(described, labels is not None, together)
+    coverage, sampled_shares = [], []
     for first in range(0, len(centers), RENDER_BATCH):
         report("rendering starts", first / len(centers))
-        views.add(centers[first : first + RENDER_BATCH])
-    keep = views.well_covered(config.starts)
+        views, sampled = render(centers[first : first + RENDER_BATCH])
+        collector.add(views)
+        coverage.append(views.weights.sum((1, 2)) / (4 * math.pi))
+        sampled_shares.append((sampled * views.weights).sum((1, 2)) / (4 * math.pi))
+    keep = _well_covered(torch.cat(coverage), config.starts)
     report("describing views", 0.0)
-    descriptors = views.describe(keep)
+    found = collector.collected(keep)
+    aliases = find_aliases(found, centers[keep], config.aliases)
     report("describing views", 1.0)
     return MapIndex(
         positions=positions,
@@ -75,61 +90,29 @@ def build_map_index(
         spacing=spacing,
         starts=centers[keep],
         leaf_sizes=torch.from_numpy(starts.leaf_sizes).float().to(device)[keep],
-        descriptors=descriptors,
-        sampled_shares=torch.cat(views.sampled_shares)[keep],
+        views=found,
+        sampled_shares=torch.cat(sampled_shares)[keep],
+        aliases=aliases,
         labels=labels,
         num_points_read=cloud.num_points_read or len(cloud),
-        fine_views=views.fine.collected(keep),
     )
 
 
-class _ViewCollector:
-    """Collects what is kept of each batch of synthetic views."""
+def views_to_describe(
+    cloud: RenderCloud, centers: Tensor, height: int, is_labels: bool
+) -> tuple[RenderedViews, Tensor]:
+    """Return the views from `centers` (B, 3), of `height` rows, and in which pixels (B, H, W) a point falls."""
+    views = render_views(cloud, centers, height)
+    weights = views.valid * pixel_solid_angles(height, 2 * height, centers.device)
+    flat = views.color.flatten(1, 2)
+    canonical = flat if is_labels else equalize(flat, weights.flatten(1))
+    return RenderedViews(views.color, canonical, views.valid, weights), views.point >= 0
 
-    def __init__(self, config: IndexConfig, labels: LabelCodes | None, cloud: RenderCloud, centers: Tensor) -> None:
-        self.config, self.labels, self.cloud = config.descriptors, labels, cloud
-        self.grid = PatchGrid(self.config.patch_rows, self.config.patch_columns)
-        self.histograms: list[Tensor] = []
-        self.coverage: list[Tensor] = []
-        self.sampled_shares: list[Tensor] = []
-        sample = centers[:: max(1, len(centers) // config.fine_views.basis_views)]
-        parts = [self._render(part)[0] for part in torch.split(sample, RENDER_BATCH)]
-        together = RenderedViews(*(torch.cat([getattr(p, f.name) for p in parts]) for f in fields(RenderedViews)))
-        self.fine = FineViewCollector(config.fine_views, self.config.bins, labels is not None, together)
 
-    def add(self, centers: Tensor) -> None:
-        """Render the views from `centers` (B, 3) and keep what describes them, and their coverage."""
-        views, sampled = self._render(centers)
-        histogram = histograms_of_views(views, self.grid, self.config.bins, self.labels is not None)
-        self.fine.add(views)
-        self.histograms.append(histogram.half())
-        sphere = 4 * math.pi
-        self.coverage.append(views.weights.sum((1, 2)) / sphere)
-        self.sampled_shares.append((sampled * views.weights).sum((1, 2)) / sphere)
-
-    def _render(self, centers: Tensor) -> tuple[RenderedViews, Tensor]:
-        """Return the views from `centers` (B, 3), and in which pixels (B, H, W) a point falls."""
-        return views_to_describe(self.cloud, centers, self.config.view_height, self.labels is not None)
-
-    def well_covered(self, config: StartsConfig) -> Tensor:
-        """Return the numbers of the views that see enough to lie inside the scanned space."""
-        coverage = torch.cat(self.coverage)
-        return (
-            coverage >= config.min_coverage_share * torch.quantile(coverage, config.well_placed_quantile)
-        ).nonzero()[:, 0]
-
-    def describe(self, keep: Tensor) -> ViewDescriptors:
-        """Return the descriptors of the kept views."""
-        solid = self.grid.solid_angles(keep.device)
-        histograms = torch.cat(self.histograms)[keep]
-        sample = histograms[:: max(1, len(histograms) // self.config.basis_views)].float()
-        basis = principal_basis(centered_roots(sample, solid)[0], self.config.size, self.config.basis_patches)
-        values, weights = [], []
-        for part in torch.split(histograms, 64):
-            value, weight = described(part.float(), solid, basis)
-            values.append(value)
-            weights.append(weight)
-        return ViewDescriptors(torch.cat(values), basis, torch.cat(weights))
+def _well_covered(coverage: Tensor, config: StartsConfig) -> Tensor:
+    """Return the numbers of the views that see enough to lie inside the scanned space."""
+    least = config.min_coverage_share * torch.quantile(coverage, config.well_placed_quantile)
+    return (coverage >= least).nonzero()[:, 0]
 
 
 def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> Starts:

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from panoloc.core.errors import IndexFormatError
-from panoloc.core.features.equalization import LabelCodes
-from panoloc.core.features.fine_views import FineViews
-from panoloc.core.features.patch_descriptors import ViewDescriptors
+from panoloc.core.features.described_views import DescribedViews
+from panoloc.core.image.label_codes import LabelCodes
+from panoloc.core.map.aliases import Aliases
 from panoloc.core.map.map_index import INDEX_VERSION, MapIndex
 
 Bytes = NDArray[np.uint8]
@@ -26,31 +26,27 @@ _MAGIC = b"PLMI"
 _STEPS_PER_SPACING = 16
 _MOST_STEPS = 1 << 30
 _COLOR_LEVELS = 64
-_DESCRIPTOR_STEPS = 31
 _PREFIX = struct.Struct("<4sHI")
 
 
 def encode_map_index(index: MapIndex) -> bytes:
     """Return the index as bytes, 7 MB for a room of 400 starts."""
     lower, step, positions = _quantize_positions(index.positions, index.spacing)
-    scale = index.descriptors.values.abs().amax((1, 2)).clamp_min(1e-9) / _DESCRIPTOR_STEPS
-    values = (index.descriptors.values / scale[:, None, None]).round().to(torch.int8)
+    views = index.views
     arrays = {
         "positions": pack_steps(positions),
         "colors": row_differences(pack_colors(_bytes(index.colors), _color_levels(index.labels))),
         "starts": _array(index.starts),
         "leaf_sizes": _array(index.leaf_sizes),
-        "descriptors": _array(values.permute(2, 1, 0)),
-        "descriptor_scale": _array(scale),
-        "basis": _array(index.descriptors.basis),
-        "patch_weights": _array(index.descriptors.weights.half()),
         "sampled_shares": _array(index.sampled_shares),
-        "fine_steps": _array(index.fine_views.steps.permute(2, 1, 0)),
-        "fine_scale": _array(index.fine_views.scale),
-        "fine_basis": _array(index.fine_views.basis),
-        "fine_weights": _array(index.fine_views.weights),
-        "pictures": row_differences(pack_colors(_bytes(index.fine_views.pictures), _color_levels(index.labels))),
-        "pictures_seen": np.packbits(_array(index.fine_views.seen).astype(np.bool_), axis=-1),
+        "alias_starts": _array(index.aliases.starts),
+        "alias_turns": _array(index.aliases.turns),
+        "descriptors": _array(views.steps.permute(2, 1, 0)),
+        "descriptor_scale": _array(views.scale),
+        "basis": _array(views.basis),
+        "patch_weights": _array(views.weights),
+        "pictures": row_differences(pack_colors(_bytes(views.pictures), _color_levels(index.labels))),
+        "pictures_seen": np.packbits(_array(views.seen).astype(np.bool_), axis=-1),
     }
     if index.labels is not None:
         arrays |= {"labels": _array(index.labels.labels.int()), "label_codes": _array(index.labels.codes)}
@@ -114,8 +110,6 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
     with np.errstate(over="ignore", invalid="ignore"):  # a damaged header; `_check_fit` refuses what comes of it
         steps = unpack_steps(packed["positions"]).astype(np.float32)
         positions = torch.from_numpy(steps * float(header["step"]) + np.asarray(header["lower"], np.float32))
-    scale = tensors["descriptor_scale"]
-    values = (tensors["descriptors"].float() * scale).permute(2, 1, 0).contiguous()
     labels = LabelCodes(tensors["labels"], tensors["label_codes"]) if "labels" in tensors else None
     return MapIndex(
         positions=positions.contiguous(),
@@ -124,15 +118,15 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
         spacing=float(header["spacing"]),
         starts=tensors["starts"],
         leaf_sizes=tensors["leaf_sizes"],
-        descriptors=ViewDescriptors(values, tensors["basis"], tensors["patch_weights"].float()),
         sampled_shares=tensors["sampled_shares"],
+        aliases=Aliases(tensors["alias_starts"], tensors["alias_turns"]),
         labels=labels,
         num_points_read=int(header["num_points_read"]),
-        fine_views=FineViews(
-            tensors["fine_steps"].permute(2, 1, 0).contiguous(),
-            tensors["fine_scale"],
-            tensors["fine_basis"],
-            tensors["fine_weights"],
+        views=DescribedViews(
+            tensors["descriptors"].permute(2, 1, 0).contiguous(),
+            tensors["descriptor_scale"],
+            tensors["basis"],
+            tensors["patch_weights"],
             torch.from_numpy(unpack_colors(row_sums(packed["pictures"]), _color_levels(labels))),
             torch.from_numpy(np.unpackbits(packed["pictures_seen"], axis=-1).astype(np.bool_)),
         ),
@@ -141,40 +135,30 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
 
 def _check_fit(index: MapIndex) -> None:
     """Raise ValueError when the arrays do not describe the same points, starts and patches."""
-    views = index.descriptors
-    num_patches, size = views.values.shape[1:]
-    points, starts = index.num_points, index.num_starts
+    views, points, starts = index.views, index.num_points, index.num_starts
+    num_patches, size = views.steps.shape[1:]
+    height = views.pictures.shape[1]
     expected: dict[str, tuple[Any, tuple[int, ...]]] = {
         "positions": (index.positions, (points, 3)),
         "colors": (index.colors, (points, 3)),
         "starts": (index.starts, (starts, 3)),
         "leaf_sizes": (index.leaf_sizes, (starts,)),
-        "descriptors": (views.values, (starts, num_patches, size)),
-        "basis": (views.basis, (len(views.basis), size)),
-        "patch_weights": (views.weights, (starts, num_patches)),
         "sampled_shares": (index.sampled_shares, (starts,)),
         "origin_offset": (index.origin_offset, (3,)),
-    } | _fine_shapes(index)
+        "alias_starts": (index.aliases.starts, (starts, index.aliases.turns.shape[1])),
+        "alias_turns": (index.aliases.turns, (starts, index.aliases.turns.shape[1])),
+        "descriptors": (views.steps, (starts, num_patches, size)),
+        "descriptor_scale": (views.scale, (starts,)),
+        "basis": (views.basis, (len(views.basis), size)),
+        "patch_weights": (views.weights, (starts, num_patches)),
+        "pictures": (views.pictures, (starts, height, 2 * height, 3)),
+        "pictures_seen": (views.seen, (starts, height, 2 * height)),
+    }
     for name, (array, shape) in expected.items():
         if tuple(array.shape) != shape:
             raise ValueError(f"{name}: expected the shape {shape}, got {tuple(array.shape)}")
     if points == 0 or starts == 0:
         raise ValueError(f"expected points and starts, got {points} and {starts}")
-
-
-def _fine_shapes(index: MapIndex) -> dict[str, tuple[Any, tuple[int, ...]]]:
-    """Return the arrays of the fine views by name, with the shapes that they should have."""
-    views, starts = index.fine_views, index.num_starts
-    num_patches, size = views.steps.shape[1:]
-    height = views.pictures.shape[1]
-    return {
-        "fine_steps": (views.steps, (starts, num_patches, size)),
-        "fine_scale": (views.scale, (starts,)),
-        "fine_basis": (views.basis, (len(views.basis), size)),
-        "fine_weights": (views.weights, (starts, num_patches)),
-        "pictures": (views.pictures, (starts, height, 2 * height, 3)),
-        "pictures_seen": (views.seen, (starts, height, 2 * height)),
-    }
 
 
 def _quantize_positions(positions: Tensor, spacing: float) -> tuple[NDArray[np.float32], float, NDArray[np.int64]]:

@@ -8,14 +8,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from panoloc.core.features.equalization import LabelCodes
-from panoloc.core.features.fine_views import FineViews
-from panoloc.core.features.patch_descriptors import ViewDescriptors, pooled
-from panoloc.core.map.wall_axes import wall_axes
+from panoloc.core.features.described_views import DescribedViews
+from panoloc.core.image.label_codes import LabelCodes
+from panoloc.core.map.aliases import Aliases
+from panoloc.core.map.wall_axes import surface_thickness, wall_axes
 from panoloc.core.options import ColorKind
 from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud
 
-INDEX_VERSION = 5  # of what an index holds and means; rises with every change, so that older ones are built again
+INDEX_VERSION = 6  # of what an index holds and means; rises with every change, so that older ones are built again
 _RENDERED_BYTES = 40  # of a point in `render_cloud`: colours as floats, and places in six densities
 
 
@@ -26,9 +26,9 @@ class MapIndex:
     positions: (N, 3) float32 metres relative to `origin_offset`. colors: (N, 3) uint8 as scanned.
     origin_offset: (3,) float64. spacing: metres between points.
     starts: (T, 3) float32 metres relative to `origin_offset`. leaf_sizes: (T,) float32 metres.
-    descriptors: of the T synthetic views. sampled_shares: (T,) float32, share of the sphere in whose pixels of such a view
-    a point falls. labels: codes when the colours are semantic labels, else None. num_points_read: points in the scan file.
-    fine_views: the same views as photos need them.
+    views: what is kept of the T synthetic views. sampled_shares: (T,) float32, share of the sphere in whose pixels of such a view a point
+    falls. aliases: which of the starts look the same. labels: codes when the colours are semantic labels, else None. num_points_read:
+    points in the scan file.
     """
 
     positions: Tensor
@@ -37,11 +37,11 @@ class MapIndex:
     spacing: float
     starts: Tensor
     leaf_sizes: Tensor
-    descriptors: ViewDescriptors
+    views: DescribedViews
     sampled_shares: Tensor
+    aliases: Aliases
     labels: LabelCodes | None
     num_points_read: int
-    fine_views: FineViews
 
     @property
     def num_points(self) -> int:
@@ -57,10 +57,13 @@ class MapIndex:
     def num_bytes(self) -> int:
         """Return the memory of all arrays in bytes, those included that the first query adds."""
         tensors = [getattr(self, f.name) for f in fields(self)]
-        tensors += [self.descriptors.values, self.descriptors.basis, self.descriptors.weights]
-        # What `render_cloud` and `coarse_views` add with the first query.
-        rendered = _RENDERED_BYTES * self.num_points + self.descriptors.values.numel() + self.fine_views.num_bytes
-        return rendered + sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
+        tensors += [self.aliases.starts, self.aliases.turns]
+        rendered = _RENDERED_BYTES * self.num_points  # what `render_cloud` adds with the first query
+        return (
+            rendered
+            + self.views.num_bytes
+            + sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
+        )
 
     @property
     def start_positions(self) -> NDArray[np.float64]:
@@ -103,26 +106,14 @@ class MapIndex:
             return wall_axes(self.positions)
 
     @cached_property
-    def coarse_views(self) -> ViewDescriptors:
-        """Return the descriptors with squares of 2 x 2 patches taken together, for the first pass of the search; made once."""
-        with torch.inference_mode(False):
-            values, weights = pooled(self.descriptors.values, self.descriptors.weights)
-            return ViewDescriptors(values, self.descriptors.basis, weights)
+    def surface_thickness_m(self) -> float:
+        """Return how thick the surfaces of the scan are (see `panoloc.core.map.wall_axes`); made once."""
+        return surface_thickness(self.positions)
 
     def to(self, device: torch.device | str) -> "MapIndex":
         """Return the index with its arrays on `device`."""
         moved = {
             f.name: getattr(self, f.name).to(device) for f in fields(self) if isinstance(getattr(self, f.name), Tensor)
         }
-        described = self.descriptors
-        return replace(
-            self,
-            **moved,
-            descriptors=ViewDescriptors(
-                described.values.to(device), described.basis.to(device), described.weights.to(device)
-            ),
-            labels=None
-            if self.labels is None
-            else LabelCodes(self.labels.labels.to(device), self.labels.codes.to(device)),
-            fine_views=self.fine_views.to(device),
-        )
+        labels = None if self.labels is None else self.labels.to(device)
+        return replace(self, **moved, views=self.views.to(device), aliases=self.aliases.to(device), labels=labels)

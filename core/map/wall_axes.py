@@ -1,4 +1,4 @@
-"""The axes along which the walls of a scan are built, if they are built along any."""
+"""What the surfaces of a scan say: the axes along which its walls are built, if they are built along any, and how exact the scan is."""
 
 import math
 
@@ -9,6 +9,7 @@ _MOST_POINTS = 500_000  # of more, some, in larger cells
 _CELL_M = 0.2
 _FEWEST_POINTS = 8  # of a cell
 _FLATNESS = 0.05  # of the variance across a cell's surface over the least along it
+_SURFACE_FLATNESS = 0.3  # likewise, of a surface that may be thick
 _STEEP = 0.2  # cosine between the normal of a wall and the vertical
 _BINS = 90  # of a quarter turn
 _NEAR_DEG = 3.0
@@ -37,8 +38,26 @@ def wall_axes(positions: Tensor) -> tuple[Tensor, float]:
     return axes, float(weights[near].sum() / weights.sum())
 
 
+def surface_thickness(positions: Tensor) -> float:
+    """Return how thick surfaces of a scan are, metres: the standard deviation across them, of half of its pieces less.
+
+    positions: (N, 3) metres. Noise of a scanner makes them millimetres thick, stations that do not fit each other centimetres.
+    """
+    variances, _, _ = _pieces(positions)
+    is_surface = variances[:, 0] < _SURFACE_FLATNESS * variances[:, 1]
+    return float(variances[is_surface, 0].clamp_min(0).sqrt().median()) if bool(is_surface.any()) else 0.0
+
+
 def _wall_normals(positions: Tensor) -> tuple[Tensor, Tensor]:
     """Return the normals (C, 3) of cells of the scan that are pieces of walls, and how many points each has (C,)."""
+    variances, directions, weights = _pieces(positions)
+    normals = directions[:, :, 0]
+    walls = (variances[:, 0] < _FLATNESS * variances[:, 1]) & (normals[:, 2].abs() < _STEEP)
+    return normals[walls].float(), weights[walls]
+
+
+def _pieces(positions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the variances (C, 3), rising, of the points in each cell, along directions (C, 3, 3), and how many there are (C,)."""
     stride = max(1, -(-len(positions) // _MOST_POINTS))
     positions = positions[::stride]
     cell = ((positions - positions.amin(0)) / (_CELL_M * math.sqrt(stride))).long()
@@ -52,6 +71,4 @@ def _wall_normals(positions: Tensor) -> tuple[Tensor, Tensor]:
     spread = products.new_zeros((len(count), 9)).index_add_(0, which, products).view(-1, 3, 3) / weights[:, None, None]
     dense = count >= _FEWEST_POINTS
     variances, directions = torch.linalg.eigh(spread[dense])
-    normals = directions[:, :, 0]
-    walls = (variances[:, 0] < _FLATNESS * variances[:, 1]) & (normals[:, 2].abs() < _STEEP)
-    return normals[walls].float(), weights[dense][walls]
+    return variances, directions, weights[dense]

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
 from panoloc.core.features.equalization import transport
@@ -18,16 +19,16 @@ from panoloc.core.features.patch_grid import PatchGrid, rotation_table
 from panoloc.core.features.patch_histograms import hard_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.geometry.rotations import uniform_rotations
-from panoloc.core.image.pyramid import PanoramaLevel, PanoramaPyramid
+from panoloc.core.image.rig_on_sphere import rig_on_sphere
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.paper.intersection import bin_major, intersection_tensor
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from panoloc.core.paper.score_maps import score_map_2d, score_map_3d, view_patch_scores
-from panoloc.core.prepared_query import prepare_queries
+from panoloc.core.paper.sphere_image import SphereImage
+from panoloc.core.query.map_query import MapQuery, prepare_queries
 from panoloc.core.render.synthetic_view import render_views
-from panoloc.core.search.pose_limits import PoseLimits, pose_limits
-from panoloc.core.search.pose_scores import score_poses
+from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.stage_clock import StageClock
 
 
@@ -38,46 +39,45 @@ class PaperMethod:
         self.config, self.localizer_config, self.device = config.paper, config, device
         self.rotations = uniform_rotations(config.paper.num_rotations).to(device)
 
-    def run(self, panorama: Panorama, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
+    def run(self, rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
         """Return the refined candidates of all maps, smallest loss first."""
+        queries = prepare_queries(rig, maps, hints, self.localizer_config)
+        sphere, _ = rig_on_sphere(rig)
         hypotheses: list[Hypothesis] = []
         num_starts = num_poses = 0
-        for number, index in enumerate(maps):
-            limits = pose_limits(hints, index)
-            starts, rotations = self._searched(index, limits)
+        for query in queries:
+            starts, rotations = self._searched(query.index, query.limits)
             if len(starts) == 0 or len(rotations) == 0:
                 continue
             num_starts += len(starts)
             num_poses += len(starts) * len(rotations)
-            found = self._localize_in(number, index, panorama, starts, rotations, clock)
-            hypotheses += [h for h in found if limits.allows_pose(h.rotation, h.position)]
+            found = self._localize_in(query, sphere, starts, rotations, clock)
+            hypotheses += [h for h in found if query.allows(h)]
         hypotheses.sort(key=lambda h: h.loss)
         if not hypotheses:
-            return MethodResult([], None, None, num_starts, num_poses)
+            return MethodResult([], None, None, num_starts, num_poses, self.config.num_rotations)
         with clock.stage("judge"):  # which leaves the order that of the losses
-            height = self.localizer_config.judge.final_height
-            queries = prepare_queries(panorama, maps, hints, height, self.localizer_config)
             judged, comparisons = zip(*(queries[h.map_number].judge_alone(h) for h in hypotheses), strict=True)
         cloud = queries[hypotheses[0].map_number].cloud
-        return MethodResult(list(judged), comparisons[0], cloud, num_starts, num_poses)
+        return MethodResult(list(judged), comparisons[0], cloud, num_starts, num_poses, self.config.num_rotations)
 
     def _searched(self, index: MapIndex, limits: PoseLimits) -> tuple[Tensor, Tensor]:
         """Return the starts (T, 3), N_t of the allowed ones evenly chosen, and the rotations (R, 3, 3)."""
-        starts = index.starts[limits.searched_starts(index.starts, self.localizer_config.search.hint_margin_m)]
+        starts = index.starts[limits.searched_starts(index.starts, self.localizer_config.search.margin_m)]
         count = min(self.config.num_starts, len(starts))
         chosen = torch.linspace(0, len(starts) - 1, count).round().long() if count else torch.zeros(0, dtype=torch.long)
         return starts[chosen.to(starts.device)], self.rotations[
-            limits.searched_rotations(self.rotations, self.localizer_config.search.hint_margin_deg)
+            limits.searched_rotations(self.rotations, self.localizer_config.search.wide_margin_deg)
         ]
 
     def _localize_in(
-        self, number: int, index: MapIndex, panorama: Panorama, starts: Tensor, rotations: Tensor, clock: StageClock
+        self, searched: MapQuery, panorama: Panorama, starts: Tensor, rotations: Tensor, clock: StageClock
     ) -> list[Hypothesis]:
-        config = self.config
+        config, index = self.config, searched.index
         with clock.stage("color_matching"):
             colors = index.canonical_cloud_colors()
-            pyramid = PanoramaPyramid(panorama, config.image_height, index.labels, self.device)
-            query = self._matched(pyramid.level(config.image_height), colors, index)
+            image = SphereImage.of_panorama(panorama, config.image_height, index.labels, self.device)
+            query = self._matched(image, colors, index)
         grid = PatchGrid(config.search_rows, config.search_columns)
         map_grid = PatchGrid(config.map_rows, config.map_columns)
         with clock.stage("search"):
@@ -104,18 +104,24 @@ class PaperMethod:
             model = "labels" if index.labels is not None else ("global_transport" if config.match_colors else "none")
             found.append(
                 Hypothesis(
-                    number, start, rotation, position, loss=loss, iterations=config.iterations, color_model=model
+                    searched.number,
+                    start,
+                    rotation,
+                    position,
+                    loss=loss,
+                    iterations=config.iterations,
+                    color_model=model,
                 )
             )
         return found
 
-    def _matched(self, level: PanoramaLevel, colors: Tensor, index: MapIndex) -> PanoramaLevel:
+    def _matched(self, level: SphereImage, colors: Tensor, index: MapIndex) -> SphereImage:
         """Match the panorama's colours to the whole cloud's (§3.1); labels have none to match."""
         if index.labels is not None or not self.config.match_colors:
             return level
         flat = level.color.flatten(1).T
         matched = transport(flat, level.weights().flatten(), colors, torch.ones(len(colors), device=self.device))
-        return PanoramaLevel(matched.T.reshape(level.color.shape), level.valid)
+        return SphereImage(matched.T.reshape(level.color.shape), level.valid)
 
     def _views(self, index: MapIndex, starts: Tensor) -> tuple[Tensor, Tensor]:
         """Render all starts: colours (T, S, 3) and solid-angle weights (T, S)."""
@@ -128,7 +134,7 @@ class PaperMethod:
         )
 
     def _tensor(
-        self, query: PanoramaLevel, views: tuple[Tensor, Tensor], grid: PatchGrid, rotations: Tensor
+        self, query: SphereImage, views: tuple[Tensor, Tensor], grid: PatchGrid, rotations: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return the intersection tensor (T, P, P) on a patch grid, and the rotation table (R, P)."""
         bins, height = self.config.bins, self.config.view_height
@@ -142,7 +148,7 @@ class PaperMethod:
 
     def _score_maps(
         self,
-        query: PanoramaLevel,
+        query: SphereImage,
         views: tuple[Tensor, Tensor],
         grid: PatchGrid,
         rotations: Tensor,
@@ -166,6 +172,20 @@ class PaperMethod:
             score_map_2d(tensor, table) if self.config.use_score_map_2d else torch.ones(len(grid), device=self.device)
         )
         return 0.5 * (scores + grid.polar_sines(self.device))
+
+
+def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
+    """Return w (T, R): for each start and rotation the weighted sum over query patches of I[t, i, π_r(i)] (§3.3, Eq. 4).
+
+    tensor: I (T, P, P), query patch first. table: π (R, P) of `rotation_table`. weights: (P,).
+    """
+    num_views, num_patches, _ = tensor.shape
+    rows = tensor.permute(1, 2, 0).reshape(-1, num_views)
+    index = table + torch.arange(num_patches, device=table.device) * num_patches
+    scores = torch.nn.functional.embedding_bag(
+        index, rows, mode="sum", per_sample_weights=weights.expand(len(table), -1).contiguous()
+    )
+    return scores.T
 
 
 def _losses_at(problem: SamplingProblem, starts: Tensor, rotations: Tensor, max_points: int) -> Tensor:

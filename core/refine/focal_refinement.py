@@ -1,7 +1,7 @@
 """Refinement of a pose together with the focal length of the photos.
 
 A wider picture of a nearer wall looks almost the same, so pose and focal length pull against each other, and only steps that move both
-at once come to rest. The focal length is a seventh unknown of the equations of `panoloc.core.refine.patch_step`:
+at once come to rest. The focal length is a seventh unknown of the equations of `panoloc.core.refine.step`:
 aligned patch by patch, a room of which much has changed still tells it. How sharply it does is told as well, for a
 photo of one wall may not tell it at all.
 """
@@ -13,9 +13,9 @@ from torch import Tensor
 
 from panoloc.core.config import StepConfig
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.refine.patch_step import patch_equations
+from panoloc.core.image.level import Level
 from panoloc.core.refine.refinement import CandidatePoints
-from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.refine.step import patch_equations
 
 _MAX_STEP = 0.08  # of the logarithm of the focal length
 _DAMPING = 0.02
@@ -44,7 +44,7 @@ class FocalRefined:
 
 
 def refine_with_focal(
-    level: RigLevel, points: CandidatePoints, begun: FocalRefined, iterations: int, config: StepConfig
+    level: Level, points: CandidatePoints, begun: FocalRefined, iterations: int, config: StepConfig
 ) -> FocalRefined:
     """Move the pose of a rig and the focal length of all its photos by Gauss-Newton steps.
 

@@ -13,16 +13,15 @@ from torch import Tensor
 
 from panoloc.core.config import HalvesConfig, StepConfig
 from panoloc.core.geometry.rotations import rotation_angle
-from panoloc.core.image.image_level import ImageLevel
+from panoloc.core.image.level import Level
 from panoloc.core.refine.refinement import CandidatePoints, refine
-from panoloc.core.refine.rig_level import RigLevel
 from panoloc.core.refine.sphere_squares import on_black_squares
 
 _NOWHERE_M, _NOWHERE_RAD = 1.0, math.pi / 2  # of halves that nothing is known of
 
 
 def halves_apart(
-    level: ImageLevel | RigLevel,
+    level: Level,
     points: CandidatePoints,
     rotation: Tensor,
     position: Tensor,

@@ -6,7 +6,7 @@ proposes, four tenths still move after 16 steps, and four tenths are the same po
 Paper: §3.3 (refinement of the best candidates).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import torch
@@ -15,65 +15,57 @@ from torch import Tensor
 from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
 from panoloc.core.features.line_hold import LineHold
 from panoloc.core.geometry.distinct_poses import first_distinct
-from panoloc.core.image.image_level import ImageLevel
-from panoloc.core.refine.gauss_newton import PointPlanes, PoseStep, StepHistory, gauss_newton_step, initial_history
-from panoloc.core.refine.patch_step import PatchStep, patch_step
+from panoloc.core.image.level import Level
 from panoloc.core.refine.patch_sums import PatchSums
-from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.refine.step import PointPlanes, StepHistory, pose_step
 
 
 @dataclass(frozen=True)
 class CandidatePoints:
     """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point).
 
-    photos: (K, N) int64, which photo of a session shows each point; None: a panorama shows all, or the only photo. patches: (N,) int64,
-    which patch of the sphere each point lies in, where points are aligned patch by patch (see
-    `panoloc.core.refine.patch_step`); ascending. lines: what edges say of the rotations as well.
+    images: (K, N) int64, which image of a rig shows each point; None of a rig of one. patches: (N,) int64, ascending, which patch of the
+    sphere each point lies in (see `panoloc.core.refine.step`). lines: what edges say of the rotations as well.
     """
 
     positions: Tensor
     colors: Tensor
     weights: Tensor
-    photos: Tensor | None = None
-    patches: Tensor | None = None
+    images: Tensor | None
+    patches: Tensor
     lines: LineHold | None = None
 
     def take(self, chosen: Tensor) -> "CandidatePoints":
         """Return the points of the candidates numbered `chosen`."""
-        photos = None if self.photos is None else self.photos[chosen]
+        images = None if self.images is None else self.images[chosen]
         lines = None if self.lines is None else self.lines.take(chosen)
         colors, weights = self.colors[chosen], self.weights[chosen]
-        return CandidatePoints(self.positions[chosen], colors, weights, photos, self.patches, lines)
+        return CandidatePoints(self.positions[chosen], colors, weights, images, self.patches, lines)
 
     def thinned(self, stride: int) -> "CandidatePoints":
-        """Return every so-manieth point."""
-        patches = None
-        if self.patches is not None:
-            patches = torch.unique(self.patches[::stride], return_inverse=True)[1]
-        photos = None if self.photos is None else self.photos[:, ::stride]
+        """Return every n-th point."""
+        patches = torch.unique(self.patches[::stride], return_inverse=True)[1]
+        images = None if self.images is None else self.images[:, ::stride]
         positions, colors, weights = (part[:, ::stride] for part in (self.positions, self.colors, self.weights))
-        return CandidatePoints(positions, colors, weights, photos, patches, self.lines)
+        return CandidatePoints(positions, colors, weights, images, patches, self.lines)
 
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        sums = None if self.patches is None else PatchSums(self.patches)
-        return PointPlanes(positions, colors, self.weights, self.photos, sums, self.lines)
+        return PointPlanes(positions, colors, self.weights, self.images, PatchSums(self.patches), self.lines)
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
     """Return the points of several groups of candidates, one group after the other; all with the same number N and patches."""
+    images = [part.images for part in parts if part.images is not None]
+    lines = [part.lines for part in parts if part.lines is not None]
     return CandidatePoints(
         torch.cat([part.positions for part in parts]),
         torch.cat([part.colors for part in parts]),
         torch.cat([part.weights for part in parts]),
-        None
-        if any(part.photos is None for part in parts)
-        else torch.cat([part.photos for part in parts if part.photos is not None]),
+        torch.cat(images) if images else None,
         parts[0].patches,
-        None
-        if any(part.lines is None for part in parts)
-        else LineHold.joined([part.lines for part in parts if part.lines is not None]),
+        LineHold.joined(lines) if lines else None,
     )
 
 
@@ -81,7 +73,7 @@ def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
 class Refined:
     """Poses after refinement: those of the candidates `numbers` (K,), ascending; the others had come together with one of these.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). Of the last step: loss (K,) in 0..1; hessian (K, 6, 6) of half the weighted
+    rotations: (K, 3, 3) map_from_rig; positions: (K, 3). Of the last step: loss (K,) in 0..1; hessian (K, 6, 6) of half the weighted
     squared residuals by turn and move; scale (K,), the residual at which a point counts a quarter. steps: (K,) how many there were.
     """
 
@@ -106,21 +98,19 @@ class Refined:
 
 @dataclass(frozen=True)
 class _Active:
-    """Candidates that have not converged: their points, the robust weights (K, N) of the last step, poses, and step history."""
+    """Candidates that have not converged: their points, poses, and step history."""
 
     points: PointPlanes
-    robust_weights: Tensor
     poses: Refined
     history: StepHistory
 
     def take(self, chosen: Tensor) -> "_Active":
         """Return some of the candidates."""
-        points = self.points.take(chosen)
-        return _Active(points, self.robust_weights[chosen], self.poses.take(chosen), self.history.take(chosen))
+        return _Active(self.points.take(chosen), self.poses.take(chosen), self.history.take(chosen))
 
 
 def refine(
-    level: ImageLevel | RigLevel,
+    level: Level,
     points: CandidatePoints,
     rotations: Tensor,
     positions: Tensor,
@@ -128,19 +118,20 @@ def refine(
     config: StepConfig,
     stop: StoppingRule | None = None,
     groups: Tensor | None = None,
+    within: Callable[[Tensor], Tensor] | None = None,
 ) -> Refined:
     """Refine K poses on one image level by up to `iterations` steps, by exactly as many without a rule to stop.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres. groups: (K,), candidates of different groups, such as maps, are never
-    merged however near their poses lie; None: all are of one.
+    rotations: (K, 3, 3) map_from_rig; positions: (K, 3) metres. groups: (K,), candidates of different groups, such as maps, are never
+    merged however near their poses lie; None: all are of one. within: brings rotations (K, 3, 3) back within limits, after every step.
     """
     active = _at_start(points, rotations, positions, config)
     converged: list[Refined] = []
     done = 0
-    while done < iterations and len(active.robust_weights):
+    while done < iterations and len(active.poses.numbers):
         count = min(stop.interval if stop else iterations, iterations - done)
         done += count
-        active = _stepped(active, level, config, count, is_last=done == iterations)
+        active = _stepped(active, level, config, count, within, is_last=done == iterations)
         if stop and stop.merge and done < iterations:
             converged, active = _without_duplicates(converged, active, stop.merge, groups)
         if stop and done < iterations:
@@ -151,39 +142,33 @@ def refine(
 
 
 def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor, config: StepConfig) -> _Active:
-    planes = points.planes()
     nothing = torch.zeros(len(rotations), device=rotations.device)
     numbers = torch.arange(len(rotations), device=rotations.device)
     hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
     poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers))
-    return _Active(planes, planes.weights, poses, initial_history(len(rotations), config, rotations.device))
+    return _Active(points.planes(), poses, StepHistory.initial(len(rotations), config, rotations.device))
 
 
-def _stepped(active: _Active, level: ImageLevel | RigLevel, config: StepConfig, count: int, is_last: bool) -> _Active:
+def _stepped(
+    active: _Active,
+    level: Level,
+    config: StepConfig,
+    count: int,
+    within: Callable[[Tensor], Tensor] | None,
+    is_last: bool,
+) -> _Active:
     """Take `count` steps; the very last of a refinement is not lengthened."""
-    poses, weights, history = active.poses, active.robust_weights, active.history
+    poses, history = active.poses, active.history
     rotations, positions = poses.rotations, poses.positions
     for k in range(count):
         relaxed = not is_last or k + 1 < count
-        step = _step(level, active.points, rotations, positions, weights, history, config, relaxed)
-        rotations, positions, weights, history = step.rotations, step.positions, step.weights, step.history
-    reached = Refined(poses.numbers, rotations, positions, step.loss, step.hessian, step.scale, poses.steps + count)
-    return _Active(active.points, weights, reached, history)
-
-
-def _step(
-    level: ImageLevel | RigLevel,
-    points: PointPlanes,
-    rotations: Tensor,
-    positions: Tensor,
-    weights: Tensor,
-    history: StepHistory,
-    config: StepConfig,
-    relaxed: bool,
-) -> PoseStep | PatchStep:
-    if points.sums is None or not isinstance(level, RigLevel):
-        return gauss_newton_step(level, points, rotations, positions, weights, history, config, relaxed)
-    return patch_step(level, points, rotations, positions, history, config, relaxed)
+        step = pose_step(level, active.points, rotations, positions, history, config, relaxed)
+        rotations, positions, history = step.rotations, step.positions, step.history
+        if within is not None:
+            rotations = within(rotations)
+    found, steps = step.equations, poses.steps + count
+    reached = Refined(poses.numbers, rotations, positions, found.loss, found.hessian, found.scale, steps)
+    return _Active(active.points, reached, history)
 
 
 def _without_duplicates(

@@ -1,68 +1,147 @@
-"""The scan rendered at poses beside the panorama turned into the same axes: what judgement and refinement compare."""
+"""The scan rendered at poses of a rig beside what its images show there: what judgement and refinement compare.
 
+A rendered pixel is a point at a known depth, so it is looked up where each image, from a centre of its own, would show it: parallax is
+undone by the scan itself. Views are drawn in axes that go with the rig, and of the part of the sphere alone that the images show: a photo
+of 69 degrees shows a fourteenth of it.
+"""
+
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from panoloc.core.features.equalization import apply_tables, equalization_tables
-from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear
-from panoloc.core.image.pyramid import PanoramaLevel
+from panoloc.core.features.equalization import equalize_where
+from panoloc.core.geometry.sphere_window import window_around
+from panoloc.core.image.level import Level
+from panoloc.core.image.rig_pyramid import RigPyramid
+from panoloc.core.render.drawn_points import ViewParts
 from panoloc.core.render.render_cloud import RenderCloud
-from panoloc.core.render.synthetic_view import SyntheticViews, render_views
+from panoloc.core.render.synthetic_view import SyntheticViews, render_parts
+
+_NEAR_M = 1.0  # what an image shows is hardly nearer; parallax widens what must be drawn by no more
+_VALID_SHARE = 0.99
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The scan rendered at K poses beside the panorama, both in map axes over the pixels that both see.
+    """The scan rendered at K poses beside a rig's images, over the S pixels of the window of `views.parts`, in the axes there.
 
-    scan, panorama: (K, S, 3) canonical colours over S = H W pixels. weights: (K, S) solid angle, zero where either is missing.
-    tables: (K, 3, 256) equalization of the panorama over those pixels, None for labels.
-    views: what was rendered. photo: (K, S) int64, which photo of a session a pixel is compared with, −1 for none; None for a panorama.
-    Of photos the pixels are those of the window of `views.parts`, in the axes there.
+    scan, seen: (K, S, 3) canonical colours. weights: (K, S) solid angle, zero where either is missing. tables: (K, 3, 256) equalization of
+    the images over those pixels, None for labels. views: what was rendered. image: (K, S) int64, which image of the rig a pixel is
+    compared with, −1 for none.
     """
 
     scan: Tensor
-    panorama: Tensor
+    seen: Tensor
     weights: Tensor
     tables: Tensor | None
     views: SyntheticViews
-    photo: Tensor | None = None
+    image: Tensor
 
     def on_sphere(self) -> "Comparison":
         """Return it with pixels of the whole sphere, in the same axes, of which those beyond the part that was compared weigh nothing."""
         window = self.views.window
         if window.is_whole:
             return self
-        scan, panorama, weights = (window.on_sphere(each) for each in (self.scan, self.panorama, self.weights))
-        photo = None if self.photo is None else window.on_sphere(self.photo, -1)
-        return Comparison(scan, panorama, weights, self.tables, self.views.on_sphere(), photo)
+        scan, seen, weights = (window.on_sphere(each) for each in (self.scan, self.seen, self.weights))
+        return Comparison(scan, seen, weights, self.tables, self.views.on_sphere(), window.on_sphere(self.image, -1))
 
 
-def compare(
-    cloud: RenderCloud,
-    level: PanoramaLevel,
-    rotations: Tensor,
-    positions: Tensor,
-    height: int,
-    is_labels: bool,
-    with_points: bool = True,
-) -> Comparison:
-    """Render the cloud at K poses and turn the panorama into the same axes.
+class RigView:
+    """The part of the sphere around a rig that its images show, or almost: within `margin_deg`.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). Colours are equalized over the pixels that both sides see, so that
-    what only one of them shows does not shift the colours of the rest. with_points: needed by `points_seen_from_poses`.
+    rig_from_view: (3, 3), axes in which that part lies in the middle of the image.
     """
-    width = 2 * height
-    views = render_views(cloud, positions, height, with_points)
-    directions = pixel_directions(height, width, positions.device).view(-1, 3)
-    u, v = project(directions @ rotations, level.height, 2 * level.height)
-    sampled = sample_bilinear(torch.cat((level.color, level.valid[None])), u, v)
-    solid = pixel_solid_angles(height, width, positions.device).expand(-1, width).flatten()
-    weights = views.valid.flatten(1) * solid * (sampled[..., 3] > 0.99)
-    scan, panorama, tables = views.color.flatten(1, 2), sampled[..., :3], None
-    if not is_labels:
-        scan = apply_tables(scan, equalization_tables(scan, weights))
-        tables = equalization_tables(panorama, weights)
-        panorama = apply_tables(panorama, tables)
-    return Comparison(scan, panorama, weights, tables, views)
+
+    def __init__(self, pyramid: RigPyramid, margin_deg: float) -> None:
+        self.pyramid = pyramid
+        parallax = torch.asin((pyramid.centers.norm(dim=-1) / _NEAR_M).clamp(max=1.0))
+        self._half_angles = (pyramid.cones + parallax).clamp(max=math.pi)
+        x, y, z = pyramid.shown_directions().unbind(-1)
+        margin = math.radians(margin_deg) + float(parallax.max())
+        turn, self._window = window_around(torch.atan2(y, x), torch.asin(z.clamp(-1, 1)), margin)
+        around = torch.tensor(
+            [[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0, 0, 1]]
+        )
+        self.rig_from_view = around.to(pyramid.rotations)
+        self._same: dict[int, _SameForAllPoses] = {}
+
+    def compare(
+        self, cloud: RenderCloud, rotations: Tensor, positions: Tensor, rows: int, with_points: bool = True
+    ) -> Comparison:
+        """Render the cloud at K poses of the rig, rotations (K, 3, 3) and positions (K, 3), and look up what the images show.
+
+        rows: of the sphere. Where several images show a pixel, it is compared with the one whose middle is nearest. Colours are equalized
+        over the pixels that both sides see, so that what only one of them shows does not shift the colours of the rest.
+        with_points: also find the point that each pixel shows.
+        """
+        axes = torch.einsum("kab,mb->kma", rotations, self.pyramid.rotations[:, :, 0])
+        window = self._window.at(rows)
+        parts = ViewParts(rotations @ self.rig_from_view, window, axes, self._half_angles)
+        views = render_parts(cloud, positions, parts, with_points)
+        seen, image = self._look_up(views, rows)
+        weights = views.valid.flatten(1) * window.solid_angles(positions.device) * (image >= 0)
+        scan, tables = views.color.flatten(1, 2), None
+        if self.pyramid.labels is None:
+            scan, _ = equalize_where(scan, weights, views.valid.flatten(1))
+            seen, tables = equalize_where(seen, weights, image >= 0)
+        return Comparison(scan, seen, weights, tables, views, image)
+
+    def _look_up(self, views: SyntheticViews, rows: int) -> tuple[Tensor, Tensor]:
+        """Return the colours (K, S, 3) that images show at the rendered pixels, and the number of the image (K, S), −1 for none."""
+        same = self._same_for_all_poses(rows)
+        valid, depth = views.valid.flatten(1), views.depth.flatten(1)
+        count, size = depth.shape
+        if same.alone is not None:
+            color, shown = same.alone
+            shown = shown & valid
+            return color * shown[..., None], torch.where(shown, 0, -1)
+        color = torch.zeros((3, count, size), device=depth.device)
+        image = torch.full((count, size), -1, dtype=torch.int64, device=depth.device)
+        central = torch.full((count, size), -2.0, device=depth.device)
+        depth = torch.where(valid, depth, 1.0)
+        for number, near in enumerate(same.near):
+            in_rig = same.directions.T[:, None, near] * depth[:, near]
+            sampled, ahead = self._sampled(same.level, in_rig, number)
+            before = central[:, near]
+            better = valid[:, near] & (sampled[3] > _VALID_SHARE) & (ahead > before)
+            central[:, near] = torch.where(better, ahead, before)
+            image[:, near] = torch.where(better, number, image[:, near])
+            color[:, :, near] = torch.where(better, sampled[:3], color[:, :, near])
+        return color.permute(1, 2, 0).contiguous(), image
+
+    def _sampled(self, level: Level, in_rig: Tensor, number: int) -> tuple[Tensor, Tensor]:
+        """Return what an image shows at points of the rig (3, K, N): colour and validity (4, K, N), and how near they are to its middle."""
+        moved = in_rig - level.centers[number][:, None, None]
+        x, y, z = (level.rotations[number].T @ moved.flatten(1)).view(in_rig.shape).unbind(0)
+        flat = torch.hypot(x, y)
+        sampled = level.sample(torch.atan2(y, x), torch.atan2(z, flat), number)
+        return sampled.transpose(0, 1), x / torch.hypot(flat, z).clamp_min(1e-6)
+
+    def _same_for_all_poses(self, rows: int) -> "_SameForAllPoses":
+        """Return what is the same for all poses at one resolution."""
+        if rows not in self._same:
+            pyramid = self.pyramid
+            directions = self._window.at(rows).directions(pyramid.rotations.device) @ self.rig_from_view.T
+            windows = pyramid.windows(rows)
+            level = windows.level(windows.color, with_derivatives=False)
+            axes, cosines = pyramid.rotations[:, :, 0], self._half_angles.cos()
+            near = [(directions @ axis >= cosine).nonzero()[:, 0] for axis, cosine in zip(axes, cosines, strict=True)]
+            alone = None
+            if len(pyramid) == 1:  # without parallax every pixel shows the same of the image, whatever its depth
+                sampled, _ = self._sampled(level, directions.T[:, None], 0)
+                alone = sampled[:3, 0].T.contiguous(), sampled[3, 0] > _VALID_SHARE
+            self._same[rows] = _SameForAllPoses(directions, near, level, alone)
+        return self._same[rows]
+
+
+@dataclass(frozen=True)
+class _SameForAllPoses:
+    """directions: (S, 3), of the window's pixels in the axes of the rig. near: of each image the numbers of the pixels that it might show.
+    level: what images show. alone: of an only image colours (S, 3) and validity (S,) of the pixels."""
+
+    directions: Tensor
+    near: list[Tensor]
+    level: Level
+    alone: tuple[Tensor, Tensor] | None

@@ -9,18 +9,18 @@ what each pose sees.
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PhotoSearchConfig
+from panoloc.core.config import SearchConfig
+from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.equalization import equalization_tables, equalize
-from panoloc.core.features.fine_views import FineViews
 from panoloc.core.geometry.projection import pixels_towards
-from panoloc.core.search.described_photos import PhotoPixels
+from panoloc.core.search.described_rig import RigPixels
 
 _STARTS_AT_ONCE = 512
 _SAMPLED_PIXELS = 200_000  # of a map, that its colours are equalized by
 
 
 def scores_of_every_pose(
-    photos: PhotoPixels, views: FineViews, rotations: Tensor, is_labels: bool, config: PhotoSearchConfig
+    photos: RigPixels, views: DescribedViews, rotations: Tensor, is_labels: bool, config: SearchConfig
 ) -> Tensor:
     """Return the scores (T, R) of all T views with rotations (R, 3, 3): mean contrast explained inside squares of pixels, and less
     where the scan shows less."""
@@ -36,7 +36,7 @@ def scores_of_every_pose(
     return torch.cat(scores)
 
 
-def _tables_of(views: FineViews) -> Tensor:
+def _tables_of(views: DescribedViews) -> Tensor:
     """Return the tables (3, 256) that equalize the colours of a map."""
     colors, seen = views.pictures.flatten(0, 2), views.seen.flatten()
     step = -(-len(colors) // _SAMPLED_PIXELS)
@@ -66,7 +66,7 @@ class _Squares:
     directions: (G N, 3), of N pixels in each of G squares.
     """
 
-    def __init__(self, photos: PhotoPixels, is_labels: bool, floor: float) -> None:
+    def __init__(self, photos: RigPixels, is_labels: bool, floor: float) -> None:
         order = photos.squares.argsort(stable=True)
         square, counts = photos.squares[order], torch.bincount(photos.squares)
         place = torch.arange(len(order), device=order.device) - (counts.cumsum(0) - counts)[square]

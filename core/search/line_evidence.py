@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PhotoSearchConfig, PoseDistance
+from panoloc.core.config import PoseDistance, SearchConfig
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotations_of_axes
@@ -21,7 +21,7 @@ class LineEvidence:
 
     def __init__(self, lines: LineSupport, axes_from_map: Tensor, rotations: Tensor, limits: PoseLimits) -> None:
         """rotations: (R, 3, 3) map_from_rig, dense enough that one of them is near any."""
-        self._lines, self._axes_from_map, self._rotations = lines, axes_from_map, rotations
+        self._lines, self._axes_from_map = lines, axes_from_map
         self._by_chance = lines.by_chance
         if limits.leaves_tilts_beyond(math.pi / 2):
             best = lines.of_rotations(rotations_of_axes(len(rotations), str(rotations.device))).max()
@@ -38,12 +38,8 @@ class LineEvidence:
         """Return how far rotations (R, 3, 3) fall short of the best one: 0, not at all, to 1, no better than by chance."""
         return 1 - ((self.of_rotations(rotations) - self._by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
 
-    def likely_rotations(self, limits: PoseLimits, config: PhotoSearchConfig, near: Tensor | None = None) -> Tensor:
-        """Return rotations (L, 3, 3) within the limits that edges agree with best, some degrees apart.
-
-        near: (R,) bool, which rotations are asked for; None: any.
-        """
-        rotations = self._rotations if near is None else self._rotations[near]
+    def likely_rotations(self, rotations: Tensor, limits: PoseLimits, config: SearchConfig) -> Tensor:
+        """Return those of rotations (R, 3, 3) within the limits that edges agree with best (L, 3, 3), some degrees apart."""
         allowed = rotations[limits.allows_rotation(rotations, math.radians(config.line_margin_deg))]
         share = round(config.likely_share * len(allowed))
         count = min(len(allowed), max(config.fewest_likely, min(share, config.most_likely)))

@@ -1,171 +1,182 @@
-"""The search of the `fast` method: every start with every rotation, for all maps of a query.
+"""The search of one round: every start that the limits leave with every rotation, for all maps of a query.
 
-One similarity tensor per map and query, of which pose scores are a weighted gather (docs/method.md). Where there are many starts, a first
-pass on a quarter of the patches and of the rotations discards most of them.
+Histograms of patches propose poses; the small pictures of the views are then held against the best of them pixel by pixel, both sides
+equalized over what the images show. What patches say counts a little there, too. Where lines of the images say how the rig is turned, few
+rotations are left, and every pose is scored by pixels.
+
+Paper: §3.3 (all starts with all rotations).
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 
-from panoloc.core.config import DescriptorConfig, SearchConfig
-from panoloc.core.features.equalization import LabelCodes
-from panoloc.core.features.patch_descriptors import (
-    ViewDescriptors,
-    centered_roots,
-    normalize_per_view,
-    pooled,
-    similarity_tensor,
-)
-from panoloc.core.features.patch_grid import PatchGrid, rotation_table
-from panoloc.core.features.patch_histograms import described_histograms
-from panoloc.core.geometry.rotations import uniform_rotations
-from panoloc.core.image.pyramid import PanoramaPyramid
+from panoloc.core.config import PoseDistance, SearchConfig
+from panoloc.core.features.described_views import DescribedViews
+from panoloc.core.features.patch_descriptors import patch_scores
+from panoloc.core.geometry.rotations import rotation_angle, uniform_rotations
 from panoloc.core.map.map_index import MapIndex
+from panoloc.core.search.candidates import Candidates, MapCandidates
+from panoloc.core.search.described_rig import DescribedRig
+from panoloc.core.search.every_pose import scores_of_every_pose
+from panoloc.core.search.line_evidence import LineEvidence
+from panoloc.core.search.patch_scores import patch_scores_of
+from panoloc.core.search.pixel_scores import pixel_scores
 from panoloc.core.search.pose_limits import PoseLimits
-from panoloc.core.search.pose_scores import Candidates, score_poses, select_candidates
+from panoloc.core.search.position_sweep import swept
 
 
-@dataclass(frozen=True)
-class RotationSet:
-    """The rotations searched (R, 3, 3), map_from_camera, and which patches meet under each (R, P)."""
+class MapSearch:
+    """One map of a query, ready to be searched.
 
-    rotations: Tensor
-    table: Tensor
-
-    def take(self, keep: Tensor) -> "RotationSet":
-        """Return the rotations where `keep` (R,) is true."""
-        return self if bool(keep.all()) else RotationSet(self.rotations[keep], self.table[keep])
-
-
-@dataclass(frozen=True)
-class SearchRotations:
-    """The rotations of the search, and the fewer ones of its first pass on half the rows and columns of patches."""
-
-    full: RotationSet
-    coarse: RotationSet
-
-
-def make_search_rotations(config: SearchConfig, grid: PatchGrid, device: torch.device) -> SearchRotations:
-    """Make the rotations of a configuration once; they do not depend on map or query."""
-    coarse_grid = PatchGrid(grid.rows // 2, grid.columns // 2)
-    full, coarse = (uniform_rotations(count).to(device) for count in (config.num_rotations, config.coarse_rotations))
-    return SearchRotations(
-        RotationSet(full, rotation_table(grid, full)), RotationSet(coarse, rotation_table(coarse_grid, coarse))
-    )
-
-
-@dataclass(frozen=True)
-class DescribedPanorama:
-    """Centred root histograms (P, M) of a panorama's patches and the patches' weights (P,); M as in `described_histograms`."""
-
-    roots: Tensor
-    weights: Tensor
-
-
-def describe_panorama(
-    pyramid: PanoramaPyramid, labels: LabelCodes | None, config: DescriptorConfig
-) -> DescribedPanorama:
-    """Describe the patches of a panorama, the same for all maps that share its colours."""
-    level = pyramid.level(config.view_height)
-    grid = PatchGrid(config.patch_rows, config.patch_columns)
-    color, valid = level.color.permute(1, 2, 0)[None], level.valid[None]
-    canonical = level.canonical(labels).flatten(1).T[None]
-    histogram = described_histograms(
-        color, canonical, valid, level.weights()[None], grid, config.bins, labels is not None
-    )
-    roots, weights = centered_roots(histogram, grid.solid_angles(color.device))
-    return DescribedPanorama(roots[0], weights[0])
-
-
-@dataclass(frozen=True)
-class MapCandidates:
-    """What the search found in one map: starts numbered in its index, rotations in `rotations` (R, 3, 3).
-
-    num_starts: that the hints left. num_poses: that were scored, in both passes.
+    lines: what the edges of the images say of rotations; None where that is little.
     """
 
-    candidates: Candidates
-    rotations: Tensor
-    num_starts: int
-    num_poses: int
+    def __init__(
+        self, rig: DescribedRig, index: MapIndex, lines: LineEvidence | None, is_wide: bool, config: SearchConfig
+    ) -> None:
+        self.rig, self.index, self.lines, self.is_wide, self.config = rig, index, lines, is_wide, config
+
+    def starts(self, limits: PoseLimits) -> Tensor:
+        """Return the numbers (T,) of the starts that limits leave."""
+        return limits.searched_starts(self.index.starts, self.config.margin_m).nonzero()[:, 0]
+
+    def first_scores(self, limits: PoseLimits) -> Tensor:
+        """Return the score (T,) of each start that limits leave under its best rotation, by the largest patches."""
+        starts, rotations = self.starts(limits), self._rotations(self.config.first_rotations, limits)
+        if not len(starts) or not len(rotations):
+            return torch.full((len(starts),), torch.inf, device=starts.device)
+        patches = self.rig.patches(self.index.views.basis, 2)
+        return patch_scores(patches, self.index.views.descriptors(2).take(starts), rotations).amax(1)
+
+    def propose(
+        self,
+        limits: PoseLimits,
+        starts: Tensor,
+        by_lines: bool,
+        count: int,
+        near: PoseDistance,
+        around: Tensor | None = None,
+    ) -> MapCandidates:
+        """Return the best `count` poses at the starts (T,) within limits, none near one before it.
+
+        by_lines: only of rotations that lines agree with, where they are asked. around: (3, 3), of rotations near this one alone.
+        """
+        if by_lines and self.lines is not None:
+            return self._by_lines(self.lines, limits, starts, count, near, around)
+        rotations = self._searched_rotations(limits, around)
+        if not len(starts) or not len(rotations):
+            return self._nothing(starts)
+        halvings = 1 if self.is_wide else 0
+        patches = self.rig.patches(self.index.views.basis, halvings)
+        scores = patch_scores(patches, self.index.views.descriptors(halvings).take(starts), rotations)
+        budget = self.config.wide_rescored_pixels if self.is_wide else self.config.rescored_pixels
+        most = max(count, budget // max(1, len(self.rig.pixels)))
+        best = scores.flatten().topk(min(most, scores.numel())).indices
+        start, rotation = best // len(rotations), best % len(rotations)
+        by_patches = self.config.histogram_weight * scores.flatten()[best]
+        found = self._rescored(self._views(starts), starts, rotations, start, rotation, by_patches)
+        found = found.ranked(found.scores, near, count, self.config.pool)
+        return MapCandidates(found, len(starts), scores.numel())
+
+    def _by_lines(
+        self,
+        lines: LineEvidence,
+        limits: PoseLimits,
+        starts: Tensor,
+        count: int,
+        near: PoseDistance,
+        around: Tensor | None,
+    ) -> MapCandidates:
+        """Score the starts with the few rotations that lines leave, and the best at places around their starts as well."""
+        config = self.config
+        every = rotations_of(config.line_rotations, str(starts.device))
+        rotations = lines.likely_rotations(every[self._is_near(every, around)], limits, config)
+        if not len(starts) or not len(rotations):
+            return self._nothing(starts)
+        views = self._views(starts)
+        scores = scores_of_every_pose(self.rig.pixels, views, rotations, self._is_labels, config)
+        best = scores.flatten().topk(min(config.likely_described_poses, scores.numel())).indices
+        start, rotation = best // len(rotations), best % len(rotations)
+        by_patches = config.likely_histogram_weight * patch_scores_of(
+            self.rig.patches(self.index.views.basis), views, rotations, start, rotation
+        )
+        most = max(1, config.likely_rescored_pixels // max(1, len(self.rig.pixels)))
+        again = (scores.flatten()[best] + by_patches).topk(min(most, len(best))).indices
+        found = self._rescored(views, starts, rotations, start[again], rotation[again], by_patches[again])
+        found = found.ranked(found.scores, config.swept_distinct, config.swept, config.pool)
+        return MapCandidates(swept(self.rig, self.index, found, near, count, config), len(starts), scores.numel())
+
+    def _rescored(
+        self,
+        views: DescribedViews,
+        starts: Tensor,
+        rotations: Tensor,
+        start: Tensor,
+        rotation: Tensor,
+        by_patches: Tensor,
+    ) -> Candidates:
+        """Return poses, numbers (K,) of starts and rotations, with their scores by pixels and by patches (K,)."""
+        scores = pixel_scores(self.rig.pixels, views, rotations, start, rotation, self._is_labels, self.config)
+        numbers = starts[start]
+        return Candidates(numbers, rotations[rotation], self.index.starts[numbers], scores + by_patches, by_patches)
+
+    def _searched_rotations(self, limits: PoseLimits, around: Tensor | None) -> Tensor:
+        """Return the rotations (R, 3, 3) that limits leave: of narrow rigs of a denser set, where they leave few of it."""
+        config = self.config
+        if self.is_wide:
+            return self._rotations(config.wide_rotations, limits, around)
+        dense = self._rotations(config.dense_rotations, limits, around)
+        return dense if len(dense) <= config.most_dense else self._rotations(config.narrow_rotations, limits, around)
+
+    def _rotations(self, count: int, limits: PoseLimits, around: Tensor | None = None) -> Tensor:
+        every = rotations_of(count, str(self.index.starts.device))
+        margin_deg = self.config.wide_margin_deg if self.is_wide else self.config.narrow_margin_deg
+        return every[limits.allows_rotation(every, math.radians(margin_deg)) & self._is_near(every, around)]
+
+    def _is_near(self, rotations: Tensor, around: Tensor | None) -> Tensor:
+        if around is None:
+            return torch.ones(len(rotations), dtype=torch.bool, device=rotations.device)
+        return rotation_angle(rotations, around) < math.radians(self.config.near_deg)
+
+    @property
+    def _is_labels(self) -> bool:
+        return self.index.labels is not None
+
+    def _views(self, starts: Tensor) -> DescribedViews:
+        return self.index.views if len(starts) == self.index.num_starts else self.index.views.take(starts)
+
+    def _nothing(self, starts: Tensor) -> MapCandidates:
+        none = self.index.starts[:0]
+        empty = Candidates(starts[:0], none.new_zeros((0, 3, 3)), none, none[:, 0], none[:, 0])
+        return MapCandidates(empty, len(starts), 0)
 
 
 def search_maps(
-    panoramas: Sequence[DescribedPanorama],
-    maps: Sequence[MapIndex],
-    rotations: SearchRotations,
-    limits: Sequence[PoseLimits],
-    config: SearchConfig,
+    searches: Sequence[MapSearch], limits: Sequence[PoseLimits], by_lines: bool, config: SearchConfig
 ) -> list[MapCandidates]:
-    """Score the allowed poses of every map and choose candidates in each; panoramas, maps and limits go together."""
-    searches = [
-        _MapSearch(panorama, index, rotations, limit, config)
-        for panorama, index, limit in zip(panoramas, maps, limits, strict=True)
+    """Propose poses in every map; searches and limits go together. Wide rigs look only at the starts that a first pass likes best over all
+    maps."""
+    starts = [search.starts(limit) for search, limit in zip(searches, limits, strict=True)]
+    total = sum(map(len, starts))
+    kept = max(config.kept_starts, round(config.kept_share * total))
+    counts = list(map(len, starts))
+    if searches[0].is_wide and kept < total:
+        scores = [search.first_scores(limit) for search, limit in zip(searches, limits, strict=True)]
+        least = torch.cat(scores).topk(kept).values[-1]
+        starts = [some[score >= least] for some, score in zip(starts, scores, strict=True)]
+    found = [
+        search.propose(limit, some, by_lines, config.num_candidates, config.distinct)
+        for search, limit, some in zip(searches, limits, starts, strict=True)
     ]
-    total = sum(len(search.starts) for search in searches)
-    kept = max(config.coarse_kept_starts, round(config.coarse_kept_share * total))
-    if kept < total:
-        _discard_starts(searches, kept)
-    return [search.run() for search in searches]
+    return [MapCandidates(part.candidates, count, part.num_poses) for part, count in zip(found, counts, strict=True)]
 
 
-def _discard_starts(searches: Sequence["_MapSearch"], count: int) -> None:
-    """Keep the `count` starts that the first pass likes best over all maps."""
-    scores = [search.coarse_scores() for search in searches]
-    least = torch.cat(scores).topk(count).values[-1]
-    for search, score in zip(searches, scores, strict=True):
-        search.starts = search.starts[score >= least]
-
-
-class _MapSearch:
-    """One map on its way through the search; `starts` (T,) are the numbers of those not discarded."""
-
-    def __init__(
-        self,
-        panorama: DescribedPanorama,
-        index: MapIndex,
-        rotations: SearchRotations,
-        limits: PoseLimits,
-        config: SearchConfig,
-    ) -> None:
-        self.index, self.weights, self.config = index, panorama.weights, config
-        self.query = panorama.roots @ index.descriptors.basis
-        self.full = rotations.full.take(limits.searched_rotations(rotations.full.rotations, config.hint_margin_deg))
-        self.coarse = rotations.coarse.take(
-            limits.searched_rotations(rotations.coarse.rotations, config.hint_margin_deg)
-        )
-        self.starts = limits.searched_starts(index.starts, config.hint_margin_m).nonzero()[:, 0]
-        if len(self.full.rotations) == 0:
-            self.starts = self.starts[:0]
-        self.num_allowed, self.num_coarse_poses = len(self.starts), 0
-
-    def coarse_scores(self) -> Tensor:
-        """Return the score (T,) of each start under its best rotation of the first pass, infinite where the hints leave none."""
-        if len(self.starts) == 0 or len(self.coarse.rotations) == 0:
-            return torch.full((len(self.starts),), torch.inf, device=self.starts.device)
-        query, weights = pooled(self.query[None], self.weights[None])
-        self.num_coarse_poses = len(self.starts) * len(self.coarse.rotations)
-        return scores_of_starts(query[0], weights[0], self.index.coarse_views, self.starts, self.coarse.table).amax(1)
-
-    def run(self) -> MapCandidates:
-        """Score the starts that are left with all rotations, and choose candidates."""
-        starts, rotations = self.starts, self.full.rotations
-        num_poses = self.num_coarse_poses + len(starts) * len(rotations)
-        if len(starts) == 0:
-            empty = Candidates(starts, starts, starts.float())
-            return MapCandidates(empty, rotations, self.num_allowed, num_poses)
-        scores = scores_of_starts(self.query, self.weights, self.index.descriptors, starts, self.full.table)
-        chosen = select_candidates(scores, self.index.starts[starts], rotations, self.config)
-        found = Candidates(starts[chosen.starts], chosen.rotations, chosen.scores)
-        return MapCandidates(found, rotations, self.num_allowed, num_poses)
-
-
-def scores_of_starts(query: Tensor, weights: Tensor, views: ViewDescriptors, starts: Tensor, table: Tensor) -> Tensor:
-    """Return scores (T, R) of the starts (T,) of a map under the rotations of a table (R, P), by query patches (P, D)."""
-    every = len(starts) == len(views.values)
-    values, view_weights = (views.values, views.weights) if every else (views.values[starts], views.weights[starts])
-    tensor = normalize_per_view(similarity_tensor(query, values), weights, view_weights)
-    return score_poses(tensor, table, weights)
+@lru_cache(maxsize=6)
+def rotations_of(count: int, device: str) -> Tensor:
+    """Return so many rotations (R, 3, 3) spread evenly over SO(3), made once. Not to be changed: many share them."""
+    with torch.inference_mode(False):  # they outlive the query that asked for them first
+        return uniform_rotations(count).to(device)

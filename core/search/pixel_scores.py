@@ -3,11 +3,11 @@
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PhotoSearchConfig
+from panoloc.core.config import SearchConfig
+from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.equalization import equalize
-from panoloc.core.features.fine_views import FineViews
 from panoloc.core.geometry.projection import pixels_towards
-from panoloc.core.search.described_photos import PhotoPixels
+from panoloc.core.search.described_rig import RigPixels
 
 _RESCORED_AT_ONCE = 2_000_000  # pixels
 
@@ -15,7 +15,7 @@ _RESCORED_AT_ONCE = 2_000_000  # pixels
 class ComparedColors:
     """The colours of photos, ready to be compared with what scans show in the same directions."""
 
-    def __init__(self, photos: PhotoPixels, is_labels: bool, config: PhotoSearchConfig) -> None:
+    def __init__(self, photos: RigPixels, is_labels: bool, config: SearchConfig) -> None:
         self._solid, self._is_labels, self._config = photos.solid, is_labels, config
         self._member = torch.nn.functional.one_hot(photos.squares).float()  # (S, G)
         # Once for all poses: that some see less of the scan where a photo looks hardly moves its colours.
@@ -39,13 +39,13 @@ class ComparedColors:
 
 
 def pixel_scores(
-    photos: PhotoPixels,
-    views: FineViews,
+    photos: RigPixels,
+    views: DescribedViews,
     rotations: Tensor,
     start: Tensor,
     rotation: Tensor,
     is_labels: bool,
-    config: PhotoSearchConfig,
+    config: SearchConfig,
 ) -> Tensor:
     """Return the score (K,) of poses, the starts numbered `start` (K,) with the rotations numbered `rotation` (K,)."""
     pictures, seen = views.pictures.flatten(0, 2), views.seen.flatten()

@@ -7,10 +7,11 @@ import torch
 from torch import Tensor
 
 from panoloc.core.errors import OptionsError
-from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAULT_TILT_DEG, Hints
 
+_NOTICEABLE = math.radians(0.5)  # less is within what refinement is off by
 _INSIDE = 1e-4  # radians; what is turned back to a limit must lie within it whatever is rounded
 
 
@@ -96,6 +97,12 @@ class PoseLimits:
             up = rotations[..., :, 2] if self.first_rotation is None else rotations @ self.first_rotation[:, 2]
             rotations = _tilted_at_most(rotations, up, self.max_tilt)
         return rotations
+
+    def beyond(self, rotation: Tensor) -> bool:
+        """Return whether a rotation (3, 3) tilts noticeably more than the limits allow."""
+        if not self.bounds_tilts:
+            return False
+        return float(rotation_angle(self.nearest_rotations(rotation[None])[0], rotation)) > _NOTICEABLE
 
     def allows_pose(self, rotation: Tensor, position: Tensor) -> bool:
         """Return whether a pose, (3, 3) map_from_camera and (3,), lies within the limits."""

@@ -10,8 +10,7 @@ from typing import Any
 
 from PIL import Image
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.decide.confidence import RIGHT_DEG, RIGHT_M
+from panoloc.core.decide.accuracy import RIGHT_DEG, RIGHT_M
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.lab.benchmark.query_load import KnownQuery, send_queries
 from panoloc.lab.benchmark.sizes import Sizes
@@ -86,8 +85,8 @@ def _registered(client: PanolocClient, case: Case, file: Path) -> str:
 
 def _upload(case: Case, stem: Path) -> tuple[tuple[Path, ...], JsonObject]:
     """Write the images of a case as JPEG; return them with the options that describe their cameras."""
-    if isinstance(case.query, Panorama):
-        return (_jpeg(case.query.color, stem.with_suffix(".jpg")),), {}
+    if case.query.photos[0].camera.is_whole_sphere:
+        return (_jpeg(case.query.photos[0].color, stem.with_suffix(".jpg")),), {}
     files, cameras = [], []
     for number, image in enumerate(case.query.images):
         files.append(_jpeg(image.photo.color, stem.with_name(f"{stem.name}-{number}.jpg")))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 
 from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Rig
 from panoloc.core.geometry.pose import pose_error
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_index import MapIndex
@@ -56,7 +57,7 @@ def time_query(
     return QueryCost(
         maps=len(maps),
         starts=sum(index.num_starts for index in maps),
-        rotations=localizer.config.search.num_rotations,
+        rotations=localizer.config.search.wide_rotations,
         points=sum(index.num_points for index in maps),
         pixels=width * width // 2,
         status=answer.status,
@@ -86,7 +87,7 @@ def _run(
 
         panorama = read_panorama(jpeg)
         times["decode"] = _since(began)
-    answer = localizer.localize(panorama, maps)
+    answer = localizer.localize(Rig.of_panorama(panorama), maps)
     times |= {name: seconds * 1000 for name, seconds in answer.timings_s.items()}
     if pictures and jpeg is not None:
         times |= _picture_times(panorama, maps, answer)

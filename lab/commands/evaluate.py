@@ -1,5 +1,9 @@
-"""`panoloc evaluate`: measure methods on cases with known poses, and fit the confidence on the rows. Runs here, without a service."""
+"""`panoloc evaluate`: measure methods on cases with known poses, fit the confidence on the rows, and vary parameters.
 
+Runs here, without a service.
+"""
+
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -72,9 +76,7 @@ def evaluate(
         numbers, taken = seed_range(seeds), cameras or []
         groups = [
             suite_scans(suite, numbers, families=families or (), width=width, num_points=points, spacing_m=spacing_m)
-            for name in suites or ()
-            # A suite that names a camera keeps it.
-            for suite in ([name] if "/" in name or not taken else [f"{name}/{camera}" for camera in taken])
+            for suite in _with_cameras(suites or (), taken)
         ]
         of_panoramas = [folder_scans(folder, tags=tuple(tags or ())) for folder in cases or ()]
         if dataset is not None:
@@ -88,6 +90,47 @@ def evaluate(
         chosen = [scan for group in groups for scan in limited(group, limit)]
         options = RunOptions(device, cross, change_maps, timeout_s)
         evaluation_run.run_evaluation(chosen, methods or ("fast", "paper"), options, within or (), out, session)
+
+
+def _with_cameras(suites: Sequence[str], cameras: Sequence[str]) -> list[str]:
+    """Return each suite with each camera; a suite that names a camera keeps it."""
+    return [
+        suite
+        for name in suites
+        for suite in ([name] if "/" in name or not cameras else [f"{name}/{camera}" for camera in cameras])
+    ]
+
+
+@app.command()
+def parameters(
+    ctx: typer.Context,
+    suites: Annotated[list[str], typer.Option("--suite", help="Procedural suite; repeatable.")],
+    seeds: Annotated[str, typer.Option(help="Seeds of the suites: 1000-1019, or 1,3,5-8.")] = "1000-1019",
+    cameras: Annotated[list[str] | None, typer.Option("--camera", help="Photos in place of panoramas.")] = None,
+    width: Annotated[int, typer.Option(min=128, help="Pixels of a suite's panorama, or of a photo.")] = 1024,
+    points: Annotated[int | None, typer.Option(min=1000, help="Points of a suite's scan.")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="Pattern such as 'judge.*'; repeatable.")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu or cuda.")] = None,
+    out: Annotated[Path, typer.Option(file_okay=False, help="Folder of rows and table.")] = Path("panoloc-parameters"),
+    json: JsonOption = False,
+) -> None:
+    """Halve and double each parameter of a query, and compare the answers with those of the parameters as they are.
+
+    Rows that --out already holds are not run again.
+    """
+    session: Session = ctx.obj
+    session.json_output = json
+    with core_errors_shown(session):
+        bound_spinning()
+        from panoloc.lab.commands import parameters_run
+        from panoloc.lab.evaluation.sources import seed_range, suite_scans
+
+        scans = [
+            scan
+            for suite in _with_cameras(suites, cameras or ())
+            for scan in suite_scans(suite, seed_range(seeds), width=width, num_points=points)
+        ]
+        parameters_run.run_parameters(scans, only or (), device, out, session)
 
 
 @app.command()

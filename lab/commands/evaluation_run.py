@@ -37,10 +37,10 @@ def run_evaluation(
 
     Raises a CoreError for options and sources that are not as expected.
     """
-    torch.set_num_threads(_num_threads(os.environ.get(THREADS_VARIABLE)))
+    set_threads()
     limits = tuple(map(_parsed_limits, limit_texts)) or DEFAULT_LIMITS
     methods = [compared_method(text) for text in method_names]
-    rows = _run(Evaluation(scans, methods, RowsFile(out / "rows.jsonl"), options), session)
+    rows = rows_shown(Evaluation(scans, methods, RowsFile(out / "rows.jsonl"), options), session)
     found = summaries(rows, limits)
     document = report_document(found, rows, methods, limits, ["panoloc", *sys.argv[1:]])
     tables = evaluation_tables(found, limits)
@@ -53,6 +53,11 @@ def run_evaluation(
     else:
         print_tables(session.results, tables)
     session.messages.print(f"In {escape(str(out))}: report.txt, report.json, rows.jsonl")
+
+
+def set_threads() -> None:
+    """Compute with as many threads as the environment says, all processors otherwise. Raises OptionsError for anything but a number."""
+    torch.set_num_threads(_num_threads(os.environ.get(THREADS_VARIABLE)))
 
 
 def _num_threads(text: str | None) -> int:
@@ -72,7 +77,8 @@ def _parsed_limits(text: str) -> Limits:
     return position_m, orientation_deg
 
 
-def _run(evaluation: Evaluation, session: Session) -> list[Row]:
+def rows_shown(evaluation: Evaluation, session: Session) -> list[Row]:
+    """Return all rows of an evaluation; show how far it is, and errors."""
     rows, reused = [], 0
     console = session.messages
     with progress(console, evaluation.num_calls) as (say, advance):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Rig
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama
@@ -77,7 +78,8 @@ def _load_omniscenes(root: Path, split: str, room: str) -> LoadedScan:
     def query(name: str) -> KnownQuery:
         """Read a panorama and its pose."""
         pose = _camera_from_map_pose((root / f"{split}_pose" / name).with_suffix(".txt"))
-        return KnownQuery(read_panorama((root / f"{split}_pano" / name).read_bytes()), (pose,), tags=(split,))
+        panorama = read_panorama((root / f"{split}_pano" / name).read_bytes())
+        return KnownQuery(Rig.of_panorama(panorama), (pose,), tags=(split,))
 
     scan = root / "pcd" / f"{room}.txt"
     if not scan.is_file():
@@ -133,9 +135,8 @@ def _load_stanford(area: _Area, room: str) -> LoadedScan:
     def query(name: str) -> KnownQuery:
         """Read a panorama and its pose."""
         pose = _stanford_pose(area.poses / name.replace("_rgb.png", "_pose.json"))
-        return KnownQuery(
-            _without_black_poles(read_panorama((area.images / name).read_bytes())), (pose,), tags=(area.name,)
-        )
+        panorama = _without_black_poles(read_panorama((area.images / name).read_bytes()))
+        return KnownQuery(Rig.of_panorama(panorama), (pose,), tags=(area.name,))
 
     return LoadedScan(read_scan(_cloud_file(area, room)), IndexOptions(), query)
 

@@ -6,12 +6,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from panoloc.core.config import JudgeConfig
-from panoloc.core.decide.confidence import FEATURES, RadiusModel, features_of, radius_signs
-from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.decide.confidence import FEATURES, RadiusModel, radius_signs
 from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error
 from panoloc.lab.evaluation.rows import RIGHT, WRONG, Row, RowsError
 
@@ -19,8 +16,9 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _RADIUS_LEVEL = 0.68
 # Percent; of the few answers between 0.6 and 0.7 nearly half are wrong, and a wrong pose is worse than none.
-_LEAST_THRESHOLD = 70
+_LEAST_THRESHOLD = 75
 _LEAST_ERROR = 1e-5  # metres or degrees: no pose is known better
+_MOST_ALIAS_POWER = 20.0
 _TELLING_SPREAD = 0.05  # of a sign, below which rows do not determine its power
 
 
@@ -77,21 +75,26 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
             f"rows: expected rows whose search has measures and score, found none ({_said(left_out)}); run `panoloc evaluate` again"
         )
     features = np.array([features_of_row(row) for row in usable])
-    right = np.array([row.within(RIGHT) for row in usable])
+    right = np.array([row.within(RIGHT) for row in usable])  # in any of several equal rooms
     if right.all() or not right.any():
         which = "right" if right.all() else "wrong"
         raise RowsError(
             f"rows: expected right and wrong poses, all {len(usable)} are {which}; add harder or easier cases"
         )
     names = _fold_names(usable)
-    predicted, radii = _predict_held_out(usable, features, right, names, regularization)
+    # A pose in another of rooms that are alike fits as well as a right one, and says nothing of how right ones look.
+    taught = np.array([row.facts.get("place") != "other" for row in usable])
+    alias_power = fit_alias_power(usable)
+    predicted, radii = _predict_held_out(usable, features, right, taught, names, regularization)
+    predicted *= [_alias_share(row, alias_power) for row in usable]
     threshold = _threshold(predicted, usable, max_wrong)
     held_out = _held_out(usable, right, predicted, radii, threshold, names)
-    intercept, coefficients = fit_growing_logistic(features, right, regularization)
+    intercept, coefficients = fit_growing_logistic(features[taught], right[taught], regularization)
     position, orientation = radius_models(usable)
     document = {
         "intercept": intercept,
         "coefficients": dict(zip(FEATURES, coefficients.tolist(), strict=True)),
+        "alias_power": alias_power,
         "threshold": threshold,
         "position_radius": asdict(position),
         "orientation_radius": asdict(orientation),
@@ -106,9 +109,7 @@ def _why_unusable(row: Row) -> str | None:
         return "ended in an error"
     if row.search.get("score") is None:
         return "no pose was left to judge"
-    if row.status == "ambiguous":
-        return "named several places"  # how sure those are follows from their number, not from this fit
-    return None if row.search.get("measures") else "the method measures nothing"
+    return None if row.search.get("features") else "the method measures nothing"
 
 
 def _said(left_out: dict[str, int]) -> str:
@@ -116,13 +117,40 @@ def _said(left_out: dict[str, int]) -> str:
 
 
 def features_of_row(row: Row) -> list[float]:
-    """Return the features of a row in the order of `FEATURES`, by the function that answers use."""
-    search = row.search
-    judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=search["score"], measures=search["measures"])
-    position_m, orientation_deg = _formal_of(row)
-    formal = None if position_m is None or orientation_deg is None else (position_m, orientation_deg)
-    values = features_of(judged, search.get("runner_up_score") or 0.0, formal, JudgeConfig())
+    """Return the features of a row in the order of `FEATURES`."""
+    values = row.search["features"]
     return [float(values[name]) for name in FEATURES]
+
+
+def is_far_off(row: Row) -> bool:
+    """Return whether to answer with the pose of a row would be wrong."""
+    return not row.within(WRONG) or row.facts.get("place") == "other"
+
+
+def fit_alias_power(rows: Sequence[Row]) -> float:
+    """Return the power of scores with which places that look the same are told apart, by the likelihood of those that were right.
+
+    Of rows of rooms that are alike, with a pose in one of them; the mildest power, 0, without any.
+    """
+    told = [
+        (row, row.facts["place"] == "own")
+        for row in rows
+        if row.search.get("alias_margins") and row.facts.get("place") in ("own", "other")
+    ]
+    powers = np.linspace(0.0, _MOST_ALIAS_POWER, 101)
+
+    def likelihood(power: float) -> float:
+        """Return the logarithm of the likelihood."""
+        shares = [(_alias_share(row, power), is_own) for row, is_own in told]
+        return float(sum(np.log(share if is_own else 1 - share) for share, is_own in shares))
+
+    return float(max(powers, key=likelihood)) if told else 0.0
+
+
+def _alias_share(row: Row, power: float) -> float:
+    """Return how probably a pose is the one of its aliases that was photographed."""
+    margins = np.asarray(row.search.get("alias_margins") or (), np.float64)
+    return float(1 / (1 + np.exp(-power * margins).sum()))
 
 
 def fit_growing_logistic(features: Floats, right: Flags, regularization: float) -> tuple[float, Floats]:
@@ -179,11 +207,11 @@ def _radius_model(rows: Sequence[Row], axis: int) -> RadiusModel:
     """
     right = [row for row in rows if row.within(RIGHT) and _formal_of(row)[axis] and _is_of_one_image(row)]
     if not right:
-        return RadiusModel(0.0, 1.0, 0.0, 0.0)
+        return RadiusModel(0.0, 1.0, 0.0, 0.0, 0.0)
     errors = np.log(np.maximum([_errors_of(row)[axis] for row in right], _LEAST_ERROR))
     signs = np.array([radius_signs(*_radius_arguments(row, axis)) for row in right])
-    kept = [column for column in range(3) if signs[:, column].std() > _TELLING_SPREAD]
-    powers = np.zeros(3)
+    kept = [column for column in range(4) if signs[:, column].std() > _TELLING_SPREAD]
+    powers = np.zeros(4)
     while kept:
         centered = signs[:, kept] - signs[:, kept].mean(0)
         # A penalty of one row keeps few rows from asking for wild powers.
@@ -206,11 +234,16 @@ def _formal_of(row: Row) -> tuple[float | None, float | None]:
     return row.formal_position_m, row.formal_orientation_deg
 
 
-def _radius_arguments(row: Row, axis: int) -> tuple[float, float | None, float]:
+def _radius_arguments(row: Row, axis: int) -> tuple[float, float | None, float, float]:
     """Return what the radius of a row is worked out from."""
     measures, formal = row.search.get("measures") or {}, _formal_of(row)[axis]
     assert formal is not None
-    return formal, measures.get(("halves_apart_m", "halves_apart_deg")[axis]), measures.get("coverage", 1.0)
+    return (
+        formal,
+        measures.get(("halves_apart_m", "halves_apart_deg")[axis]),
+        measures.get("coverage", 1.0),
+        measures.get("thickness_m", 0.0),
+    )
 
 
 def _is_of_one_image(row: Row) -> bool:
@@ -228,13 +261,13 @@ def _fold_names(rows: Sequence[Row]) -> list[str]:
 
 
 def _predict_held_out(
-    rows: Sequence[Row], features: Floats, right: Flags, names: Sequence[str], regularization: float
+    rows: Sequence[Row], features: Floats, right: Flags, taught: Flags, names: Sequence[str], regularization: float
 ) -> tuple[Floats, Floats]:
     """Return probabilities (N,) and radii (N, 2), metres and degrees, each from a fit to the other groups."""
     predicted, radii = np.full(len(rows), right.mean()), np.full((len(rows), 2), np.nan)
     for name in sorted(set(names)):
         out = np.array([one == name for one in names])
-        rest = ~out
+        rest = ~out & taught
         if right[rest].any() and not right[rest].all():
             intercept, coefficients = fit_growing_logistic(features[rest], right[rest], regularization)
             predicted[out] = _sigmoid(intercept + features[out] @ coefficients)
@@ -248,7 +281,7 @@ def _predict_held_out(
 
 
 def _threshold(predicted: Floats, rows: Sequence[Row], max_wrong: float) -> float:
-    far_off = np.array([not row.within(WRONG) for row in rows])
+    far_off = np.array([is_far_off(row) for row in rows])
     for step in range(_LEAST_THRESHOLD, 100):
         if float(np.mean((predicted >= step / 100) & far_off)) <= max_wrong:
             return step / 100
@@ -259,7 +292,7 @@ def _held_out(
     rows: Sequence[Row], right: Flags, predicted: Floats, radii: Floats, threshold: float, names: Sequence[str]
 ) -> HeldOut:
     called = predicted >= threshold
-    far_off = np.array([not row.within(WRONG) for row in rows])
+    far_off = np.array([is_far_off(row) for row in rows])
     holds: list[list[bool]] = [[], []]
     for row, good, limits in zip(rows, right, radii, strict=True):
         for axis, error in enumerate((row.position_error_m, row.orientation_error_deg)):

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Session
+from panoloc.core.camera.rig import Rig
 from panoloc.core.errors import CoreError
 from panoloc.core.geometry.pose import Pose, PoseError, pose_error
-from panoloc.core.image.rig_on_sphere import session_on_sphere
+from panoloc.core.image.rig_on_sphere import rig_on_sphere
 from panoloc.core.options import Hints, IndexOptions
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.evaluation.rows import WRONG
@@ -32,7 +32,7 @@ class KnownQuery:
     lookalikes: map_from_camera at which another room looks most like this one, and is not.
     """
 
-    query: Panorama | Session
+    query: Rig
     poses: tuple[Pose, ...]
     changed_pixels: NDArray[np.bool_] | None = None
     changed_points: NDArray[np.bool_] | None = None
@@ -42,8 +42,8 @@ class KnownQuery:
 
     @cached_property
     def panorama(self) -> Panorama:
-        """Return the query as one panorama: that of a session from `session_on_sphere`."""
-        return self.query if isinstance(self.query, Panorama) else session_on_sphere(self.query)[0]
+        """Return the query as one panorama: that of a rig from `rig_on_sphere`."""
+        return rig_on_sphere(self.query)[0]
 
     def place_of(self, found: Pose) -> str | None:
         """Return which of rooms that are alike a pose is in: "own" or "other", or "elsewhere"; None where there are none."""
@@ -103,11 +103,9 @@ def query_facts(query: KnownQuery) -> dict[str, Any]:
     """
     said = query.query
     known = "hint" if query.hints is not None and query.hints.upright else None
-    if isinstance(said, Panorama):
-        return {"camera": "panorama", "num_images": 1, "hfov_deg": 360.0, "upright": known}
     camera = said.images[0].photo.camera
     return {
-        "camera": camera.model,
+        "camera": "panorama" if camera.is_whole_sphere else camera.model,
         "num_images": len(said.images),
         "hfov_deg": round(camera.hfov_deg, 1),
         "upright": known or ("session" if said.options.up_known else None),

@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -69,19 +69,29 @@ def compared_method(text: str) -> ComparedMethod:
         )
     method, config = _KNOWN[base]
     # Values can be tuples, whose commas separate nothing.
-    for change in re.split(r",(?=\s*\w+\.\w+\s*=)", changes):
+    for change in re.split(r",(?=\s*\w+(?:\.\w+)+\s*=)", changes):
         config = _changed(config, change)
     return ComparedMethod(name, method, config)
 
 
+def with_value(section: Any, path: Sequence[str], value: Any) -> Any:
+    """Return a section of the configuration with another value of the field that a path of names leads to."""
+    name, *rest = path
+    return replace(section, **{name: with_value(getattr(section, name), rest, value) if rest else value})
+
+
 def _changed(config: LocalizerConfig, change: str) -> LocalizerConfig:
-    """Return the configuration with one change `section.field=value` made."""
-    path, _, text = change.partition("=")
-    section_name, _, field_name = path.strip().partition(".")
-    section = getattr(config, section_name, None)
-    if not is_dataclass(section) or isinstance(section, type) or field_name not in {f.name for f in fields(section)}:
-        raise OptionsError(f"method: expected section.field of the configuration before '=', got {path.strip()!r}")
-    known = getattr(section, field_name)
+    """Return the configuration with one change `section.field=value` made, where fields of sections within sections have longer paths."""
+    written, _, text = change.partition("=")
+    path = written.strip().split(".")
+    known: Any = config
+    for name in path:
+        is_section = is_dataclass(known) and not isinstance(known, type)
+        if not is_section or name not in {field.name for field in fields(known)}:
+            raise OptionsError(
+                f"method: expected section.field of the configuration before '=', got {written.strip()!r}"
+            )
+        known = getattr(known, name)
     try:
         value = ast.literal_eval(text.strip())
     except (ValueError, SyntaxError):
@@ -89,7 +99,6 @@ def _changed(config: LocalizerConfig, change: str) -> LocalizerConfig:
     if isinstance(known, float) and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not type(known):
-        raise OptionsError(f"method: expected {type(known).__name__} for {path.strip()}, got {text.strip()!r}")
-    changed_section: Any = replace(section, **{field_name: value})
-    changes: dict[str, Any] = {section_name: changed_section}
-    return replace(config, **changes)
+        raise OptionsError(f"method: expected {type(known).__name__} for {written.strip()}, got {text.strip()!r}")
+    changed: LocalizerConfig = with_value(config, path, value)
+    return changed

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Session
+from panoloc.core.camera.rig import Rig
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama
@@ -65,12 +65,13 @@ def cut_query(known: KnownQuery, camera: QueryCamera, rng: np.random.Generator, 
     if camera.shooting is None:
         panorama, missing = with_any_defect(known.panorama, rng)
         masked = Panorama(panorama.color, panorama.valid & ~missing)
-        return replace(known, query=masked if camera.masked else as_uploaded(panorama), changed_pixels=None)
+        spoilt = Rig.of_panorama(masked if camera.masked else as_uploaded(panorama))
+        return replace(known, query=spoilt, changed_pixels=None)
     lens, rotations = camera.shooting.camera(rng, width), camera.shooting.rotations(rng)
     photos = [cut_photo(known.panorama, lens, place.rotation.T @ rotation) for rotation in rotations]
     poses = [Pose(rotation, place.position) for rotation in rotations]
     if camera.session is None:
-        session = Session.of_photo(photos[0])
+        session = Rig.of_photo(photos[0])
     else:
         axes = session_axes(rng, poses[0], upright=camera.session.up_known)
         session = tracked(photos, poses, axes, camera.session, rng)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from panoloc.core.decide.confidence import RIGHT_DEG, RIGHT_M
+from panoloc.core.decide.accuracy import RIGHT_DEG, RIGHT_M
 from panoloc.core.errors import CoreError
 
 TIGHT, RIGHT, WRONG = (0.05, 5.0), (RIGHT_M, RIGHT_DEG), (0.5, 15.0)  # metres, degrees

@@ -25,13 +25,14 @@ class RunOptions:
 
     device: "cpu", "cuda", None to choose. num_strangers: to how many other maps each panorama is sent as well (0: none).
     change_maps: measure the maps of what changed where that is known.
-    timeout_s: of one answer, None for no limit.
+    timeout_s: of one answer, None for no limit. errors: those that give a row which names them, and do not end the run.
     """
 
     device: str | None = None
     num_strangers: int = 0
     change_maps: bool = False
     timeout_s: float | None = None
+    errors: tuple[type[Exception], ...] = (CoreError,)
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Evaluation:
     def rows(self, say: Callable[[str], None] = lambda text: None) -> Iterator[tuple[Row, bool]]:
         """Yield every row with whether it is new (False: found in the file); new ones are written first.
 
-        say: receives what is being done. A call that raises a CoreError gives a row that names it.
+        say: receives what is being done. A call that raises one of the errors of the options gives a row that names it.
         """
         known = {row.key: row for row in self._file.rows()}
         for call in self._calls:
@@ -89,7 +90,6 @@ class Evaluation:
         cross = call.owner != call.searched
         query, searched = self._query(call.owner, call.query), self._loaded(call.searched)
         index, registration_s = self._map_of(searched)
-        localizer = self._localizer(call.method)
         facts = {**scan.facts, "tags": list(query.tags), **query_facts(query)}
         facts |= {"registration_s": round(registration_s, 3), "spacing_m": index.spacing}
         facts |= {"num_points": index.num_points, "num_starts": index.num_starts}
@@ -97,6 +97,8 @@ class Evaluation:
         began = time.perf_counter()
         answer, error = None, None
         try:
+            localizer = self._localizer(call.method)
+            began = time.perf_counter()
             answer = localizer.localize(
                 query.query,
                 [index],
@@ -104,7 +106,7 @@ class Evaluation:
                 hints=query.hints,
                 timeout_s=self._options.timeout_s,
             )
-        except CoreError as raised:
+        except self._options.errors as raised:
             error = f"{type(raised).__name__}: {raised}"
         seconds = time.perf_counter() - began
         known = (scan.group, scan.name, f"{owner.name}/{call.query}", call.method.name, call.method.digest, cross)

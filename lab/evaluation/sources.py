@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from panoloc.core.camera.rig import Rig
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama
@@ -43,7 +44,7 @@ def suite_scans(
         case = next(suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points))
         is_unmasked = case.missing_pixels is not None and case.panorama.valid[case.missing_pixels].any()
         query = KnownQuery(
-            as_uploaded(case.panorama) if is_unmasked else case.query,
+            Rig.of_panorama(as_uploaded(case.panorama)) if is_unmasked else case.query,
             (case.pose, *case.alternatives),
             case.changed_pixels,
             case.changed_points,
@@ -118,7 +119,7 @@ def _load(folder: Path, scan: str, color_kind: Any, queries: dict[str, dict[str,
         """Read the panorama of that file name with its pose."""
         entry = queries[image]
         return KnownQuery(
-            read_panorama((folder / image).read_bytes()),
+            Rig.of_panorama(read_panorama((folder / image).read_bytes())),
             (Pose(np.asarray(entry["rotation"], np.float64), np.asarray(entry["position_m"], np.float64)),),
             tags=tuple(entry.get("tags", ())),
         )

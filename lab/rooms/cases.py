@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Session
+from panoloc.core.camera.rig import Rig
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.image.rig_on_sphere import session_on_sphere
+from panoloc.core.image.rig_on_sphere import rig_on_sphere
 from panoloc.core.options import ColorKind, Hints
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
 from panoloc.lab.rooms.capture.change_truth import changed_pixels, changed_points
 from panoloc.lab.rooms.capture.defects import with_any_defect
 from panoloc.lab.rooms.capture.free_space import sample_pose
+from panoloc.lab.rooms.capture.imperfect_scan import Imperfections, scan_imperfectly
 from panoloc.lab.rooms.capture.intruders import add_person, show_hand
-from panoloc.lab.rooms.capture.scanning import scan_with_truth
+from panoloc.lab.rooms.capture.scanning import Scan, scan_with_truth
 from panoloc.lab.rooms.capture.shooting import QueryCamera, Shooting, session_axes, tracked
 from panoloc.lab.rooms.capture.views import take_photo, take_view
 from panoloc.lab.rooms.objects.solids import about_z
@@ -36,7 +37,7 @@ _BESIDE_A_PERSON_M = 0.25
 class Case:
     """One query with its truth.
 
-    query: a full panorama, or the photos of a session. pose: map_from_camera of the panorama or the first photo, in the frame of the
+    query: what was photographed. pose: map_from_camera of its first image, in the frame of the
     cloud. color_kind: "rgb" or "labels". changed_pixels: (H, W) bool, shows what was not scanned; None of photos. changed_points: (N,)
     bool, no longer there. region: corners (min, max) in metres that the camera is known to be in, None for no prior.
     alternatives: other poses that show the same picture, in places that exist twice. lookalikes: poses at which other rooms look most
@@ -46,7 +47,7 @@ class Case:
 
     name: str
     cloud: PointCloud
-    query: Panorama | Session
+    query: Rig
     pose: Pose
     color_kind: ColorKind
     changed_pixels: NDArray[np.bool_] | None
@@ -62,8 +63,8 @@ class Case:
 
     @cached_property
     def panorama(self) -> Panorama:
-        """Return the query as one panorama: that of a session from `session_on_sphere`."""
-        return self.query if isinstance(self.query, Panorama) else session_on_sphere(self.query)[0]
+        """Return the query as one panorama: that of a rig from `rig_on_sphere`."""
+        return rig_on_sphere(self.query)[0]
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Suite:
 
     change: share of the furniture that changes. look: a camera, or a function that draws one. at_night: photographed at night what
     was scanned by day. max_elevation_deg: half the height of the visible band in degrees, None for the full sphere.
-    survey_frame: scan turned about z and given in large coordinates.
+    survey_frame: scan turned about z and given in large coordinates. imperfections: of the scan, None for an exact one.
     """
 
     kind: SceneKind = "room"
@@ -85,6 +86,7 @@ class Suite:
     region: Region | None = None
     max_elevation_deg: float | None = None
     survey_frame: bool = False
+    imperfections: Imperfections | None = None
 
     def drawn_look(self, rng: np.random.Generator) -> CameraLook:
         """Return the look of a query, drawn where the suite draws it."""
@@ -106,15 +108,14 @@ def make_case(
     rng = np.random.default_rng((seed, 17))
     family = None if not families else families[int(rng.integers(len(families)))]
     scanned = build_scene(SceneSpec(suite.kind, seed, family))
-    in_scan_light = day(scanned) if suite.at_night else scanned
-    scan = scan_with_truth(in_scan_light, suite.num_stations, suite.num_points, seed=seed, color_kind=suite.color_kind)
+    scan, as_scanned = _scan(suite, scanned, seed)
     now = change_scene(scanned, suite.change, seed) if suite.change > 0 else scanned
     now = night(now) if suite.at_night else now
     if camera is None or camera.shooting is None:
         taken = _panorama(suite, now, scanned, seed, width, rng)
     else:
         taken = _photos(suite, now, camera, camera.shooting, seed, width, rng)
-    gone = changed_points(scan, scanned, taken.scene)
+    gone = changed_points(scan, as_scanned, taken.scene)
     others = twin_poses(scanned, taken.poses[0])
     # What changes in one room does not in the others.
     are_equal = scanned.twins is not None and scanned.twins.equal and suite.change == 0
@@ -139,12 +140,22 @@ def make_case(
     return _in_survey_frame(case, rng) if suite.survey_frame else case
 
 
+def _scan(suite: Suite, scene: Scene, seed: int) -> tuple[Scan, Scene]:
+    """Return the suite's scan and the scene as it was scanned: its light, and boxes for furniture."""
+    stations, points, kind = suite.num_stations, suite.num_points, suite.color_kind
+    if suite.imperfections is not None:
+        imperfect = scan_imperfectly(scene, suite.imperfections, stations, points, seed, kind)
+        return imperfect.scan, imperfect.scene
+    scene = day(scene) if suite.at_night else scene
+    return scan_with_truth(scene, stations, points, seed=seed, color_kind=kind), scene
+
+
 @dataclass(frozen=True, eq=False)
 class _Taken:
     """What was photographed: the scene with people who came into view, the query, map_from_camera of its images, and what of it is new."""
 
     scene: Scene
-    query: Panorama | Session
+    query: Rig
     poses: tuple[Pose, ...]
     changed_pixels: NDArray[np.bool_] | None = None
     map_from_session: Pose | None = None
@@ -164,7 +175,7 @@ def _panorama(suite: Suite, now: Scene, scanned: Scene, seed: int, width: int, r
         panorama = apply_look(panorama, suite.drawn_look(rng), seed)
     if suite.max_elevation_deg is not None:
         panorama = _cropped(panorama, suite.max_elevation_deg)
-    return _Taken(now, panorama, (pose,), new_pixels)
+    return _Taken(now, Rig.of_panorama(panorama), (pose,), new_pixels)
 
 
 def _photos(
@@ -183,7 +194,7 @@ def _photos(
         look = suite.drawn_look(rng)
         photos = [photo_with_look(photo, look, (seed, number)) for number, photo in enumerate(photos)]
     if camera.session is None:
-        return _Taken(now, Session.of_photo(photos[0]), tuple(poses), None, poses[0])
+        return _Taken(now, Rig.of_photo(photos[0]), tuple(poses), None, poses[0])
     axes = session_axes(rng, poses[0], upright=camera.session.up_known)
     return _Taken(now, tracked(photos, poses, axes, camera.session, rng), tuple(poses), None, axes)
 
@@ -192,7 +203,7 @@ def _with_defect(case: Case, *, masked: bool) -> Case:
     """Return the case of a panorama with one of all kinds of defects drawn over it."""
     panorama, missing = with_any_defect(case.panorama, np.random.default_rng((case.seed, 31)))
     shown = Panorama(panorama.color, panorama.valid & ~missing) if masked else panorama
-    return replace(case, query=shown, missing_pixels=missing)
+    return replace(case, query=Rig.of_panorama(shown), missing_pixels=missing)
 
 
 def _among_twins(scene: Scene, draw: Callable[[], list[Pose]]) -> list[Pose]:

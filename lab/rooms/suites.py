@@ -6,6 +6,7 @@ from dataclasses import replace
 from panoloc.core.errors import OptionsError
 from panoloc.core.options import Hints, SessionOptions
 from panoloc.lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
+from panoloc.lab.rooms.capture.imperfect_scan import Imperfections
 from panoloc.lab.rooms.capture.shooting import QueryCamera, Shooting
 from panoloc.lab.rooms.cases import Case, Region, Suite, make_case
 from panoloc.lab.rooms.scenes.generator import FAMILIES
@@ -25,6 +26,7 @@ SUITES: dict[str, Suite] = {
     "night": Suite(at_night=True),
     "partial": Suite(max_elevation_deg=45.0),
     "sparse": Suite(num_stations=1, num_points=60_000),
+    "imperfect": Suite(change=0.15, imperfections=Imperfections()),
     "survey": Suite(survey_frame=True),
     "twins": Suite(kind="twins"),
     "twins_like": Suite(kind="twins_like"),

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from panoloc.core.exports.file_names import distinct_names
+from panoloc.core.scan.file_names import distinct_names
 from panoloc.core.scan.zip_opening import is_encrypted, is_link, leads_out, open_zip
 from panoloc.service.errors import ArchiveError, UploadTooLargeError
 

@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.image.image_header import KNOWN_FORMATS
 from panoloc.core.options import MAX_IMAGES, MAX_TOP_K, Frame
+from panoloc.core.scan.file_names import distinct_names
 from panoloc.service.cli.exit_codes import exit_code_of, worst_of
 from panoloc.service.cli.progress import show_waiting
 from panoloc.service.cli.query_options import (

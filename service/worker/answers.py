@@ -47,7 +47,7 @@ def answer_of(
 ) -> answer.Localization:
     """Return the answer to a query. Of one that is `not_localized`, the best guess is the first alternative.
 
-    photos: the images of the query, see `panoloc.service.worker.query_images.photos_of`. timings_s: seconds measured
+    photos: the images of the query. timings_s: seconds measured
     around the search, added to its own. pictures: PNGs by name.
     """
     is_placed = found.status != "not_localized"

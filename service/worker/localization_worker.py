@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import torch
 
+from panoloc.core.camera.rig import Rig
 from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from panoloc.core.errors import DeadlineExceededError, IndexFormatError
 from panoloc.core.localizer import Localizer
@@ -26,7 +27,7 @@ from panoloc.service.storage import Storage
 from panoloc.service.worker.answers import answer_of, change_cells
 from panoloc.service.worker.map_catalog import registration_of, stored_index
 from panoloc.service.worker.plan import WorkerSettings
-from panoloc.service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
+from panoloc.service.worker.query_images import as_found, read_query, shown_on_sphere
 from panoloc.service.worker.reply import WorkerReply, guarded
 
 _log = logging.getLogger(__name__)
@@ -147,7 +148,7 @@ class _RunningQuery:
         query = as_found(query, localization)
         pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
         cells = self._timed("pictures", lambda: _change_cells(maps, localization))
-        answer = answer_of(localization, self._job, photos_of(query), self._timings_s, pictures)
+        answer = answer_of(localization, self._job, query.photos, self._timings_s, pictures)
         return LocalizeOutcome(answer, pictures, cells)
 
     def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
@@ -161,7 +162,7 @@ class _RunningQuery:
                 found.append(index)
         return found
 
-    def _query(self) -> Query:
+    def _query(self) -> Rig:
         options = self._job.options
         return read_query(self._job.images, options.frame, options.session, self._settings.max_pixels)
 
@@ -184,7 +185,7 @@ def _change_cells(maps: Sequence[MapIndex], localization: Localization) -> dict[
 
 
 def _pictures(
-    query: Query, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
+    query: Rig, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
 ) -> dict[str, bytes]:
     """Return the PNGs named in `wanted` ("score_map_2d", "score_map_3d", "overlay"); none without a pose."""
     names = tuple(wanted)

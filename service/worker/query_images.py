@@ -1,4 +1,4 @@
-"""Decodes the images of a query into a panorama, a photo or a session."""
+"""Decodes the images of a query into a rig."""
 
 import math
 from collections.abc import Sequence
@@ -10,22 +10,20 @@ import torch
 from PIL import Image
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Session, SessionImage
+from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.errors import OptionsError, PanoramaTooLargeError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.image_header import numbered
 from panoloc.core.image.reader import read_image
-from panoloc.core.image.rig_on_sphere import session_on_sphere
+from panoloc.core.image.rig_on_sphere import rig_on_sphere
 from panoloc.core.options import Frame, SessionOptions, TrackedPose
 from panoloc.core.results import Localization
 from panoloc.service.jobs import QueryImage
 
-Query = Panorama | Photo | Session
-
 _DRAWN_PX_PER_RAD = 512 / math.pi  # pictures are 1024 pixels for a full turn
 
 
-def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptions, max_pixels: int) -> Query:
+def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptions, max_pixels: int) -> Rig:
     """Decode the images of a query.
 
     frame: axes of their poses. max_pixels: of all images together. A single image without a pose is no session. Raises
@@ -33,35 +31,26 @@ def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptio
     """
     read = _read(images, max_pixels)
     if len(read) == 1 and images[0].session_from_camera is None:
-        return read[0]
+        return Rig.of_photo(read[0])
     poses = (_pose(image.session_from_camera, frame) for image in images)
-    return Session(tuple(SessionImage(_photo(one), pose) for one, pose in zip(read, poses, strict=True)), session)
+    return Rig(tuple(RigImage(one, pose) for one, pose in zip(read, poses, strict=True)), session)
 
 
-def photos_of(query: Query) -> list[Photo]:
-    """Return the images of a query, a full panorama as a photo of the whole sphere."""
-    return [image.photo for image in query.images] if isinstance(query, Session) else [_photo(query)]
-
-
-def as_found(query: Query, found: Localization) -> Query:
-    """Return the query with the cameras that the search found, where they differ from those given."""
-    if not found.found_cameras or isinstance(query, Panorama):
-        return query
-    session = query if isinstance(query, Session) else Session.of_photo(query)
+def as_found(rig: Rig, found: Localization) -> Rig:
+    """Return the rig with the cameras that the search found, where they differ from those given."""
+    if not found.found_cameras:
+        return rig
     images = tuple(
         replace(image, photo=replace(image.photo, camera=camera, hfov_range_deg=None))
-        for image, camera in zip(session.images, found.found_cameras, strict=True)
+        for image, camera in zip(rig.images, found.found_cameras, strict=True)
     )
-    return replace(session, images=images) if isinstance(query, Session) else images[0].photo
+    return replace(rig, images=images)
 
 
-def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Localization]:
+def shown_on_sphere(rig: Rig, found: Localization) -> tuple[Panorama, Localization]:
     """Return all images on one sphere, and the result with the pose of that sphere as its best, for pictures."""
-    if isinstance(query, Panorama):
-        return query, found
-    session = query if isinstance(query, Session) else Session.of_photo(query)
-    images = tuple(replace(image, photo=_as_drawn(image.photo)) for image in session.images)
-    sphere, session_from_sphere = session_on_sphere(replace(session, images=images))
+    images = tuple(replace(image, photo=_as_drawn(image.photo)) for image in rig.images)
+    sphere, session_from_sphere = rig_on_sphere(replace(rig, images=images))
     if found.best is None or found.map_from_session is None:
         return sphere, found
     return sphere, replace(found, best=replace(found.best, pose=found.map_from_session.after(session_from_sphere)))
@@ -78,9 +67,9 @@ def _as_drawn(photo: Photo) -> Photo:
     return Photo(np.asarray(color), np.asarray(valid), photo.camera.resized(*size))
 
 
-def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Panorama | Photo]:
+def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Photo]:
     """Decode in as many threads as compute: decoding releases the GIL. The first error cancels those that wait."""
-    found: list[Panorama | Photo] = []
+    found: list[Photo] = []
     threads = ThreadPoolExecutor(min(len(images), torch.get_num_threads()))
     try:
         tasks = [
@@ -96,10 +85,6 @@ def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Panorama | Phot
     return found
 
 
-def _photo(image: Panorama | Photo) -> Photo:
-    return Photo.of_panorama(image) if isinstance(image, Panorama) else image
-
-
 def _pose(tracked: TrackedPose | None, frame: Frame) -> Pose:
     if tracked is None:
         raise OptionsError(
@@ -109,7 +94,7 @@ def _pose(tracked: TrackedPose | None, frame: Frame) -> Pose:
     return Pose.from_frame(tracked.position_m, tracked.quaternion_xyzw, frame)
 
 
-def _check_pixels(read: Sequence[Panorama | Photo], max_pixels: int) -> None:
+def _check_pixels(read: Sequence[Photo], max_pixels: int) -> None:
     """Check the limit again: GPano crops have grown to their full spheres since their headers were checked."""
     found = sum(image.valid.size for image in read)
     if found > max_pixels:

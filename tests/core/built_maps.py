@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Session
+from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import build_map_index
@@ -59,10 +59,17 @@ def panorama() -> Panorama:
     return BOX.panorama(POSE)
 
 
-def localized(query: Panorama | Photo | Session, *maps: PaintedBox | MapIndex, **options: Any) -> Localization:
+def rig_of(query: Panorama | Photo | Rig) -> Rig:
+    """Return the rig of a query, of one image or of several."""
+    if isinstance(query, Panorama):
+        return Rig.of_panorama(query)
+    return Rig.of_photo(query) if isinstance(query, Photo) else query
+
+
+def localized(query: Panorama | Photo | Rig, *maps: PaintedBox | MapIndex, **options: Any) -> Localization:
     """Return the answer to a query in maps, or in that of BOX."""
     indexes = [map_of(each) if isinstance(each, PaintedBox) else each for each in maps or (BOX,)]
-    return localizer().localize(query, indexes, **options)
+    return localizer().localize(rig_of(query), indexes, **options)
 
 
 @cache

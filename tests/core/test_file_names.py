@@ -2,7 +2,7 @@
 
 import pytest
 
-from panoloc.core.exports.file_names import display_name, distinct_names
+from panoloc.core.scan.file_names import display_name, distinct_names
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.config import LocalizerConfig
 from panoloc.core.errors import DeadlineExceededError, OptionsError
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_codec import decode_map_index, encode_map_index
 from panoloc.core.options import Hints, IndexOptions
@@ -28,9 +26,10 @@ from tests.core.built_maps import (
     localizer,
     map_of,
     panorama,
+    rig_of,
 )
 from tests.core.found_pose import assert_found, best_of, known
-from tests.core.painted_box import rotation_of
+from tests.core.painted_box import PaintedBox, rotation_of
 
 
 def test_a_panorama_is_found_within_a_centimetre_and_a_third_of_a_degree() -> None:
@@ -60,7 +59,10 @@ def test_an_answer_carries_losses_iterations_timings_and_the_runner_up() -> None
     assert 0 < found.search.num_poses < found.search.num_starts * found.search.num_rotations
     assert (found.search.method, found.search.num_maps) == ("fast", 1)
     assert found.evidence is not None
-    assert best.score > known(found.evidence.runner_up_score)
+    runner_up = found.evidence.runner_up_score
+    assert (
+        runner_up is None or runner_up < best.score
+    )  # in a room that looks like nothing else all may come to one place
     assert found.evidence.formal_radii is not None
     assert 0 <= best.sampling_loss <= 1
     assert best.num_iterations > 0
@@ -78,6 +80,17 @@ def test_the_same_query_gives_the_same_answer_to_the_bit() -> None:
 def test_registration_gives_the_same_bytes_twice() -> None:
     cloud, options = BOX.scan(3000), IndexOptions(spacing_m=1.5)
     assert encode_map_index(build_map_index(cloud, options)) == encode_map_index(build_map_index(cloud, options))
+
+
+@pytest.mark.slow
+def test_a_scan_of_few_points_gives_a_pose_that_is_within_what_is_said_of_it() -> None:
+    box, pose = PaintedBox(seed=3, size_m=(3.2, 3.0, 2.4)), Pose(rotation_of(20.0, 3.0), np.array([1.4, 1.8, 1.3]))
+    found = localized(box.panorama(pose), build_map_index(box.scan(6_000)))
+    assert found.status == "localized"
+    assert_found(found, pose, 0.05, 1.0)
+    error = pose_error(best_of(found).pose, pose)
+    assert error.position_m / 10 < known(found.accuracy_position_m) < 0.3
+    assert error.orientation_deg / 10 < known(found.accuracy_orientation_deg) < 10.0
 
 
 @pytest.mark.slow
@@ -99,7 +112,7 @@ def test_options_out_of_range_are_refused(options: dict[str, Any], named: str) -
 
 def test_no_map_at_all_is_refused() -> None:
     with pytest.raises(OptionsError, match="maps"):
-        localizer().localize(panorama(), [])
+        localizer().localize(rig_of(panorama()), [])
 
 
 @pytest.mark.parametrize("timeout_s", [0.0, 0.05])
@@ -166,13 +179,7 @@ def lit_by_a_lamp(panorama: Panorama) -> Panorama:
 
 @pytest.mark.slow
 def test_a_lamp_hardly_moves_the_pose() -> None:
-    lit = lit_by_a_lamp(panorama())
-    colors_alone = dataclasses.replace(LocalizerConfig().refinement, contrast_share=0.0, fine_contrast_share=0.0)
-    without = Localizer(dataclasses.replace(LocalizerConfig(), refinement=colors_alone), device="cpu")
-    found, off = localized(lit), without.localize(lit, [map_of(BOX)])
-    assert_found(found, POSE, 0.015, 0.3)
-    errors_m = [pose_error(best_of(each).pose, POSE).position_m for each in (found, off)]
-    assert errors_m[0] < 0.75 * errors_m[1]
+    assert_found(localized(lit_by_a_lamp(panorama())), POSE, 0.01, 0.3)
 
 
 # Several maps, wrong maps, ambiguity.
@@ -206,6 +213,9 @@ def test_a_room_that_looks_the_same_from_both_sides_is_ambiguous_and_both_sides_
     found = localized(SYMMETRIC.panorama(POSE), SYMMETRIC, top_k=2)
     assert found.status == "ambiguous"
     (other,) = found.alternatives
+    evidence = known(found.evidence)
+    assert evidence.runner_up_score == other.score
+    assert evidence.alias_margins == pytest.approx((1 - other.score / best_of(found).score,))
     for side in (POSE, TWIN):
         assert any(pose_error(each.pose, side).within(0.05, 5.0) for each in (best_of(found), other))
 

@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from panoloc.core.decide import pictures
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.rig import Session, SessionImage
+from panoloc.core.camera.rig import Rig, RigImage
+from panoloc.core.decide import pictures
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
@@ -112,8 +112,8 @@ def test_frames_of_a_phone_that_moves_are_found_within_two_centimetres() -> None
     places = ((-35.0, (0.0, 0.2, 0.0)), (35.0, (0.0, -0.2, 0.1)), (100.0, (-0.2, 0.0, 0.0)), (190.0, (0.2, 0.0, -0.1)))
     for turn, place in places:
         tracked = Pose(rotation_of(turn, 5.0), np.array(place))
-        images.append(SessionImage(rooms.take_photo(ROOM, camera, middle.after(tracked)).photo, tracked))
-    found = localized(Session(tuple(images)), room_index())
+        images.append(RigImage(rooms.take_photo(ROOM, camera, middle.after(tracked)).photo, tracked))
+    found = localized(Rig(tuple(images)), room_index())
     assert found.map_from_session is not None
     assert_found(found, middle.after(images[0].session_from_camera), 0.02, 0.5)
     assert all(image.agreement is not None and image.agreement > 0.5 for image in found.images)

@@ -35,7 +35,7 @@ from mutmut.mutation.pragma_handling import IgnoredCode
 ROOT = Path(__file__).resolve().parents[2]
 # Where a small fault loses a scan or a pose.
 MUTATED = (
-    *("core/fast/candidate_stages.py", "core/geometry/distinct_poses.py", "core/map/*.py", "core/decide/*.py"),
+    *("core/query/contest.py", "core/geometry/distinct_poses.py", "core/map/*.py", "core/decide/*.py"),
     *("core/refine/*.py", "core/search/*.py"),
     *("service/cache.py", "service/maps/registry.py", "service/storage/folder.py"),
     *("service/pool/admission.py", "service/pool/map_builds.py"),

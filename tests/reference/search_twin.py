@@ -63,6 +63,34 @@ def pose_scores(tensor: Array, table: Table, weights: Array) -> Array:
     return scores
 
 
+def taken_together(values: Array, weights: Array, rows: int, columns: int) -> tuple[Array, Array]:
+    """Return descriptors (T, P / 4, D) and weights (T, P / 4): weighted means over squares of two patches a side."""
+    means, masses = (
+        np.zeros((len(values), len(values[0]) // 4, values.shape[2])),
+        np.zeros((len(values), len(values[0]) // 4)),
+    )
+    for t, row, column in np.ndindex(*weights.shape[:1], rows, columns):
+        square = row // 2 * (columns // 2) + column // 2
+        masses[t, square] += weights[t, row * columns + column]
+        means[t, square] += weights[t, row * columns + column] * values[t, row * columns + column]
+    return means / np.maximum(masses, 1e-9)[..., None], masses
+
+
+def descriptor_scores(own: Array, weights: Array, values: Array, view_weights: Array, table: Table) -> Array:
+    """Return w (T, R) = Σ_i weight_i I[t, i, π_r(i)] over the weighted standard deviation of I of each view.
+
+    I[t, i, j] is the scalar product of descriptor i (Q, D) of a rig and patch j of view t (T, P, D). table: (R, Q).
+    """
+    tensor = np.zeros((len(values), len(own), values.shape[1]))
+    for t, i, j in np.ndindex(*tensor.shape):
+        tensor[t, i, j] = own[i] @ values[t, j]
+    scores = pose_scores(tensor, table, weights)
+    for t in range(len(values)):
+        variance = sum(weights[i] * view_weights[t, j] * tensor[t, i, j] ** 2 for i, j in np.ndindex(*tensor.shape[1:]))
+        scores[t] /= np.sqrt(variance)
+    return scores
+
+
 def score_map_2d(tensor: Array, table: Table) -> Array:
     """Return M (P,): the best match of every query patch in any view, turned by any rotation (Eq. 2)."""
     return np.array(

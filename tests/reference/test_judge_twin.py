@@ -1,5 +1,6 @@
 """The judge's measures against loops over their definitions."""
 
+import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -28,33 +29,34 @@ def covariances(first: Array, second: Array, weights: Array) -> tuple[Array, Arr
     return moments[0], moments[1], moments[2]
 
 
-def correlation(scan: Array, panorama: Array, weights: Array) -> float:
+def correlation(scan: Array, seen: Array, weights: Array) -> float:
     """Return the mean over channels of the correlation of all pixels, with 1e-4 for the variance of noise."""
-    both, one, other = covariances(scan, panorama, weights)
+    both, one, other = covariances(scan, seen, weights)
     return float(np.mean(both / np.sqrt((one + 1e-4) * (other + 1e-4))))
 
 
-def patch_correlation(scan: Array, panorama: Array, weights: Array, height: int, rows: int) -> float:
-    """Return the mean over patches of the correlation of all their channels together, by the weight that each patch has.
+def in_patches(scan: Array, seen: Array, weights: Array, height: int, side: int) -> list[tuple[float, float]]:
+    """Return the correlation of all channels together inside each patch, and its share of all.
 
-    height: of the image; rows: of patches. 1e-3 stands for the variance of noise.
+    Patches are `side` pixels high and wide; half of the shares are those of patches that begin in the middle of others. height: of the
+    image. 1e-3 stands for the variance of noise.
     """
-    side, width = height // rows, 2 * height
-    total = 0.0
-    for top in range(0, height, side):
-        for left in range(0, width, side):
-            inside = [row * width + column for row in range(top, top + side) for column in range(left, left + side)]
+    width, found = 2 * height, []
+    for begin in (0, -(side // 2)):
+        for top, left in itertools.product(range(begin, height, side), range(begin, width, side)):
+            rows, columns = (range(max(first, 0), first + side) for first in (top, left))
+            inside = [row * width + column for row in rows for column in columns if row < height and column < width]
             mass = weights[inside].sum()
             if mass > 0:
-                both, one, other = (part.sum() for part in covariances(scan[inside], panorama[inside], weights[inside]))
-                total += mass * both / math.sqrt((one + 1e-3) * (other + 1e-3))
-    return float(total / weights.sum())
+                both, one, other = (part.sum() for part in covariances(scan[inside], seen[inside], weights[inside]))
+                found.append((both / math.sqrt((one + 1e-3) * (other + 1e-3)), mass / weights.sum() / 2))
+    return found
 
 
-def mutual_information(scan: Array, panorama: Array, weights: Array) -> float:
+def mutual_information(scan: Array, seen: Array, weights: Array) -> float:
     """Return the mutual information in nats of the brightness of both, each in 16 steps."""
     joint = np.zeros((16, 16))
-    for one, other, weight in zip(scan.mean(1), panorama.mean(1), weights / weights.sum(), strict=True):
+    for one, other, weight in zip(scan.mean(1), seen.mean(1), weights / weights.sum(), strict=True):
         joint[min(int(one * 16), 15), min(int(other * 16), 15)] += weight
     information = 0.0
     for a, b in np.argwhere(joint > 0):
@@ -62,47 +64,57 @@ def mutual_information(scan: Array, panorama: Array, weights: Array) -> float:
     return information
 
 
-def inlier_share(scan: Array, panorama: Array, weights: Array) -> float:
+def inlier_share(scan: Array, seen: Array, weights: Array) -> float:
     """Return the share of pixels that fit; one whose colours are 0.15 apart counts half."""
-    fits = [1 / (1 + ((a - b) @ (a - b)) / 0.15**2) for a, b in zip(scan, panorama, strict=True)]
+    fits = [1 / (1 + ((a - b) @ (a - b)) / 0.15**2) for a, b in zip(scan, seen, strict=True)]
     return float(weights @ np.array(fits) / weights.sum())
 
 
-HEIGHT, ROWS = 16, 4
+HEIGHT, SIDE = 16, 4
+SHARE = 0.7  # of the sphere, that was photographed
 COUNT = HEIGHT * 2 * HEIGHT
 
 
 def made_pairs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return scans and panoramas (3, S, 3) that have something in common, and weights (3, S), whole patches of them zero."""
+    """Return scans and what images show (3, S, 3) that have something in common, and weights (3, S), whole patches of them zero."""
     rng = np.random.default_rng(0)
     scan = rng.uniform(size=(3, COUNT, 3))
-    panorama = np.clip(np.array([0.8, 0.3, 0.5])[:, None, None] * scan + 0.4 * rng.uniform(size=scan.shape), 0, 1)
+    seen = np.clip(np.array([0.8, 0.3, 0.5])[:, None, None] * scan + 0.4 * rng.uniform(size=scan.shape), 0, 1)
     solid = pixel_solid_angles(HEIGHT, 2 * HEIGHT).expand(-1, 2 * HEIGHT).flatten().double().numpy()
     weights = solid * (rng.uniform(size=(3, COUNT)) < np.array([1.0, 0.7, 0.5])[:, None])
     weights[1].reshape(HEIGHT, 2 * HEIGHT)[:8, :20] = 0
     scan[2, :40] = 1.0  # the last step of brightness has an upper end
-    return scan, panorama, weights
+    return scan, seen, weights
 
 
-def measured(scan: np.ndarray, panorama: np.ndarray, weights: np.ndarray) -> Agreement:
-    names = ("scan", "panorama", "weights")
-    sides = {name: torch.from_numpy(each).float() for name, each in zip(names, (scan, panorama, weights), strict=True)}
+def measured(*pairs: np.ndarray, lines: torch.Tensor | None = None) -> Agreement:
+    sides = {
+        name: torch.from_numpy(each).float() for name, each in zip(("scan", "seen", "weights"), pairs, strict=True)
+    }
     comparison: Any = SimpleNamespace(**sides, views=SimpleNamespace(window=SphereWindow.of_sphere(HEIGHT)))
-    return agreement(comparison, JudgeConfig(patch_rows=ROWS))
+    return agreement(comparison, JudgeConfig(), SHARE, 180 * SIDE / HEIGHT, lines)
 
 
 def test_every_measure_agrees_with_its_definition_and_so_does_the_score() -> None:
     pairs = made_pairs()
     found = measured(*pairs)
-    for k, (scan, panorama, weights) in enumerate(zip(*pairs, strict=True)):
+    for k, (scan, seen, weights) in enumerate(zip(*pairs, strict=True)):
+        inside = in_patches(scan, seen, weights, HEIGHT, SIDE)
         expected = {
-            "correlation": correlation(scan, panorama, weights),
-            "patch_correlation": patch_correlation(scan, panorama, weights, HEIGHT, HEIGHT // ROWS),
-            "mutual_information": mutual_information(scan, panorama, weights),
-            "inlier_share": inlier_share(scan, panorama, weights),
+            "correlation": correlation(scan, seen, weights),
+            "patch_correlation": sum(share * value for value, share in inside),
+            "mutual_information": mutual_information(scan, seen, weights),
+            "inlier_share": inlier_share(scan, seen, weights),
             "coverage": weights.sum() / (4 * math.pi),
+            "explained": sum(share * (1 - math.sqrt(1 - max(value, 0) ** 2)) for value, share in inside),
         }
-        both = expected["correlation"] + expected["patch_correlation"]
-        expected["score"] = both * math.sqrt(expected["coverage"])
+        expected["relative_coverage"] = min(1.0, expected["coverage"] / SHARE)
+        expected["score"] = 2 * expected["explained"] * math.sqrt(expected["relative_coverage"])
         for name, value in expected.items():
             assert float(getattr(found, name)[k]) == pytest.approx(value, rel=1e-4, abs=1e-6), name
+
+
+def test_where_lines_disagree_the_score_is_less_by_their_share() -> None:
+    without, lines = measured(*made_pairs()).score, torch.tensor([1.0, 0.4, 0.0])
+    expected = [1.0, 1 - 0.6 * JudgeConfig().lines_share, 1 - JudgeConfig().lines_share]
+    assert (measured(*made_pairs(), lines=lines).score / without).tolist() == pytest.approx(expected)

@@ -1,17 +1,20 @@
-"""The sampling loss against a loop over points, and the normal equations of refinement against a line fit."""
+"""The sampling loss against a loop over points, and the equations of refinement against line fits in patches."""
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from panoloc.core.config import PaperConfig
+from panoloc.core.config import PaperConfig, StepConfig
 from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.image.image_level import prepare_level
+from panoloc.core.image.level import SampledPoints
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
-from panoloc.core.refine import gauss_newton, point_sampling
+from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.step import PointPlanes, patch_equations
 from tests.core.found_pose import known
 from tests.core.painted_box import rotation_of
 from tests.reference.spherical_twin import image_position_of, patch_of, sample
@@ -91,34 +94,56 @@ def test_masked_points_have_no_part_in_the_sampling_loss() -> None:
     assert losses[0] == pytest.approx(losses[1], abs=2e-3)
 
 
-@pytest.mark.parametrize("fit_light", [True, False])
-def test_the_normal_equations_are_those_of_the_jacobian_without_light(fit_light: bool) -> None:
-    rng = np.random.default_rng(2)
-    count = 60
-    planes = torch.from_numpy(rng.normal(size=(1, 9, count)))
-    seen = point_sampling.SampledPoints(planes, torch.from_numpy(rng.normal(size=(1, 6, 2, count))))
-    residual, weights = rng.normal(size=(1, 3, count)), rng.uniform(size=(1, count))
-    hessian, gradient = gauss_newton.normal_equations(
-        seen, torch.from_numpy(residual), torch.from_numpy(weights), fit_light
-    )
+def looped_equations(
+    seen: SampledPoints, colors: np.ndarray, weights: np.ndarray, patches: np.ndarray, floor: float
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Return Hessian (U, U), gradient (U,), loss and scale of one candidate, patch by patch.
+
+    colors: (3, N); weights: (N,), zero outside of the images; patches: (N,). Light is what the best gain and offsets of a patch undo.
+    """
     jacobian = np.einsum("can,kan->nck", seen.derivatives[0].numpy(), seen.directions[0].numpy())
-    expected_hessian, expected_gradient = np.zeros((6, 6)), np.zeros(6)
-    for channel in range(3):
-        rows, root = jacobian[:, channel], np.sqrt(weights[0])[:, None]
-        if fit_light:  # what the best gain and offset leave of every column
-            light = np.column_stack((planes[0, channel].numpy(), np.ones(count)))
-            rows = rows - light @ np.linalg.lstsq(root * light, root * rows, rcond=None)[0]
-        expected_hessian += (root * rows).T @ (root * rows)
-        expected_gradient += rows.T @ (weights[0] * residual[0, channel])
-    np.testing.assert_allclose(hessian[0].numpy(), expected_hessian, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(gradient[0].numpy(), expected_gradient, rtol=1e-6, atol=1e-9)
+    hessian, gradient = np.zeros((jacobian.shape[2],) * 2), np.zeros(jacobian.shape[2])
+    loss = squares = 0.0
+    for patch in range(patches.max() + 1):
+        here = patches == patch
+        mass = weights[here].sum()
+        share = weights[here] / mass
+        shown, scanned = (each.T[here] - share @ each.T[here] for each in (seen.color[0].numpy(), colors))
+        covariance, variance, wanted = (
+            float(share @ (one * other).sum(1)) for one, other in ((shown, scanned), (shown, shown), (scanned, scanned))
+        )
+        correlation = np.clip(covariance / math.sqrt((variance + floor) * (wanted + floor)), 0, 0.999)
+        unexplained, gain = math.sqrt(1 - correlation**2), max(0.0, covariance / (variance + floor))
+        loss += mass * unexplained / weights.sum()
+        if mass <= 8:
+            continue
+        votes = np.repeat(weights[here] / (unexplained * (wanted + floor)), 3)
+        residual, root = (gain * shown - scanned).ravel(), np.sqrt(votes)[:, None]
+        light = np.column_stack((shown.ravel(), np.tile(np.eye(3), (here.sum(), 1))))
+        rows = gain * jacobian[here].reshape(3 * here.sum(), -1)
+        rows = rows - light @ np.linalg.lstsq(root * light, root * rows, rcond=None)[0]
+        hessian += (root * rows).T @ (root * rows)
+        gradient += rows.T @ (votes * residual)
+        squares += float(votes @ residual**2)
+    return hessian, gradient, loss, math.sqrt(squares / weights.sum())
 
 
-def test_the_image_gradient_next_to_a_mask_does_not_see_what_is_under_it() -> None:
-    image = torch.rand((3, 16, 32), generator=torch.Generator().manual_seed(1))
-    valid = torch.ones((16, 32))
-    valid[5:9, 10:15] = 0
-    repainted = torch.where(valid.bool(), image, torch.zeros(()))
-    one, other = prepare_level(image, valid), prepare_level(repainted, valid)
-    inside = one.planes[9] > 0.99
-    torch.testing.assert_close(one.planes[:, inside], other.planes[:, inside])
+@pytest.mark.parametrize("unknowns", [6, 7])
+def test_the_equations_of_a_step_are_those_of_the_jacobian_without_the_light_of_each_patch(unknowns: int) -> None:
+    rng = np.random.default_rng(2)
+    patches = np.repeat(np.arange(4), (30, 40, 5, 45))  # one with too few points for a vote
+    count = len(patches)
+    planes, directions = rng.normal(size=(1, 9, count)), rng.normal(size=(1, unknowns, 2, count))
+    colors = 0.6 * planes[0, :3] + np.array([0.5, 0.1, 0.0, -0.4])[patches] + 0.5 * rng.normal(size=(3, count))
+    colors[:, patches == 1] *= -1  # a patch that disagrees
+    weights, inside = rng.uniform(0.5, 1.5, count), rng.uniform(size=count) < 0.9
+    seen = SampledPoints(torch.from_numpy(planes), torch.from_numpy(directions))
+    level: Any = SimpleNamespace(sample_points=lambda *_: (seen, torch.from_numpy(inside)[None]))
+    place, painted, counted = (torch.from_numpy(each)[None] for each in (np.zeros((3, count)), colors, weights))
+    points = PointPlanes(place, painted, counted, None, PatchSums(torch.from_numpy(patches)))
+    config = StepConfig(robust_scale=None)
+    found = patch_equations(level, points, POSE[0][None], POSE[1][None], config)
+    expected = looped_equations(seen, colors, weights * inside, patches, config.min_variance)
+    assert abs(expected[1]).max() > 0.1
+    for value, wanted in zip((found.hessian, found.gradient, found.loss, found.scale), expected, strict=True):
+        np.testing.assert_allclose(value[0].numpy(), np.asarray(wanted), rtol=1e-6, atol=1e-9)

@@ -4,16 +4,19 @@ import numpy as np
 import pytest
 import torch
 
+from panoloc.core.features.described_views import DescribedViews
+from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.features.patch_grid import PatchGrid, rotation_table
 from panoloc.core.features.patch_histograms import hard_histograms, soft_histograms
-from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.geometry.rotations import rotation_from_vector, uniform_rotations
 from panoloc.core.paper.intersection import bin_major, intersection_tensor
+from panoloc.core.paper.paper_method import score_poses
 from panoloc.core.paper.score_maps import (
     score_map_2d,
     score_map_3d,
     view_patch_scores,
 )
-from panoloc.core.search.pose_scores import score_poses
+from panoloc.core.search.patch_scores import patch_scores_of
 from tests.reference import search_twin as twin
 
 ROWS, COLUMNS = 3, 6
@@ -92,3 +95,46 @@ def test_the_3d_score_map_is_the_mean_over_views(tensor: np.ndarray, table: np.n
     found = score_map_3d(scores, torch.from_numpy(points), torch.from_numpy(starts), PatchGrid(ROWS, COLUMNS), chunk=7)
     expected = twin.score_map_3d(tensor, table, points, starts, ROWS, COLUMNS)
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
+
+
+# Descriptors, on the grid that a map keeps and on those of patches taken together.
+
+
+def made_views() -> DescribedViews:
+    """Return three views of 8 x 16 patches, of some of which nothing was seen."""
+    rng = np.random.default_rng(5)
+    shares = rng.uniform(size=(3, 128)) * (rng.uniform(size=(3, 128)) < 0.8)
+    weights = torch.from_numpy(shares / shares.sum(1, keepdims=True)).half()
+    steps = torch.from_numpy(rng.integers(-31, 32, (3, 128, 5))).to(torch.int8) * (weights > 0)[..., None]
+    nothing = torch.zeros(3)
+    return DescribedViews(steps, torch.tensor([0.01, 0.03, 0.02]), nothing, weights, nothing, nothing)
+
+
+def made_patches(grid: PatchGrid) -> DescribedPatches:
+    """Return what a rig describes of a third of a grid."""
+    rng = np.random.default_rng(6)
+    numbers = np.sort(rng.choice(len(grid), len(grid) // 3, replace=False))
+    values, weights = rng.normal(size=(len(numbers), 5)), rng.dirichlet(np.ones(len(numbers)))
+    return DescribedPatches(
+        torch.from_numpy(values).float(), torch.from_numpy(numbers), torch.from_numpy(weights).float(), grid
+    )
+
+
+@pytest.mark.parametrize("halvings", [0, 1, 2])
+def test_scores_by_descriptors_agree_with_scalar_products_one_by_one(halvings: int) -> None:
+    views, grid = made_views(), PatchGrid(8, 16).halved(halvings)
+    patches = made_patches(grid)
+    turns = rotation_from_vector(2 * torch.randn((6, 3), generator=torch.Generator().manual_seed(1)))
+    values = views.steps.double().numpy() * views.scale.double().numpy()[:, None, None]
+    weights = views.weights.double().numpy()
+    for halving in range(halvings):
+        values, weights = twin.taken_together(values, weights, 8 >> halving, 16 >> halving)
+    table = twin.patch_table(turns.double().numpy(), grid.rows, grid.columns)[:, patches.numbers.numpy()]
+    given = patches.values.double().numpy(), patches.weights.double().numpy()
+    expected = twin.descriptor_scores(*given, values, weights, table)
+    found = patch_scores(patches, views.descriptors(halvings), turns)
+    np.testing.assert_allclose(found.numpy(), expected, rtol=1e-4, atol=1e-5)
+    if not halvings:
+        start, rotation = torch.tensor([2, 0, 1, 0]), torch.tensor([5, 1, 1, 3])
+        some = patch_scores_of(patches, views, turns, start, rotation)
+        np.testing.assert_allclose(some.numpy(), expected[start, rotation], rtol=1e-4, atol=1e-5)

@@ -6,10 +6,11 @@ FOR_COMMANDS = frozenset(
         "panoloc.core.camera",
         "panoloc.core.camera.camera",
         "panoloc.core.errors",
-        "panoloc.core.exports.file_names",
-        "panoloc.core.options",
-        "panoloc.core.panorama",
+        "panoloc.core.image",
         "panoloc.core.image.image_header",
+        "panoloc.core.options",
+        "panoloc.core.scan",
+        "panoloc.core.scan.file_names",
         "panoloc.core.scan.zip_opening",
     }
 )

@@ -11,16 +11,15 @@ from pyproj import Proj, Transformer
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Session, SessionImage
+from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Frame, Status, TrackedPose
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions
 from panoloc.service.worker.answers import answer_of
-from panoloc.service.worker.query_images import Query, photos_of
 from tests.core.exports.tours import GOLDEN
 
-PANORAMA = Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool))
+PANORAMA = Rig.of_panorama(Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool)))
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
 
 
@@ -52,7 +51,7 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
         map_changed_fraction=np.float32(0.25),  # type: ignore[arg-type]
         timings_s={"search": 0.06, "refine": 0.4},
         search=SearchSummary("fast", 2, np.int64(412), 2304, 900_000),  # type: ignore[arg-type]
-        evidence=Evidence({"correlation": math.nan, "coverage": 0.9}, None, (0.004, 0.1)),
+        evidence=Evidence({"correlation": math.nan, "coverage": 0.9}, {"margin": 0.5}, (0.2,), None, (0.004, 0.1)),
         warnings=("dark image",),
     )
 
@@ -60,14 +59,13 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
 def body_of(
     found: Localization,
     frame: Frame = "ros",
-    query: Query = PANORAMA,
+    query: Rig = PANORAMA,
     georeferences: dict[str, dict[str, Any]] | None = None,
+    pose: TrackedPose | None = None,
 ) -> dict[str, Any]:
-    photos = photos_of(query)
-    pose = TrackedPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) if isinstance(query, Session) else None
-    images = tuple(QueryImage(b"", session_from_camera=pose) for _ in photos)
+    images = tuple(QueryImage(b"", session_from_camera=pose) for _ in query.images)
     job = LocalizeJob("loc_1", "req_1", images, MAPS, QueryOptions(30, frame=frame), 0.0, georeferences or {})
-    answer = answer_of(found, job, photos, {"decode": 0.03}, {})
+    answer = answer_of(found, job, query.photos, {"decode": 0.03}, {})
     return answer.as_waited_for(0.5, ["map_c is not ready"]).model_dump(mode="json")
 
 
@@ -103,6 +101,8 @@ def test_the_search_of_an_answer_has_the_figures_of_the_search_the_best_pose_and
         "iterations": 60,
         "num_iterations": 60,
         "measures": {"correlation": None, "coverage": 0.9},
+        "features": {"margin": 0.5},
+        "alias_margins": [0.2],
         "runner_up_score": None,
         "formal_radii": [0.004, 0.1],
     }
@@ -194,11 +194,11 @@ PHOTO = Photo(np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), bool), LENS)
 FRAMES: tuple[Frame, ...] = get_args(Frame)
 
 
-def session_of(*poses: Pose) -> Session:
-    return Session(tuple(SessionImage(PHOTO, pose) for pose in poses))
+def session_of(*poses: Pose) -> Rig:
+    return Rig(tuple(RigImage(PHOTO, pose) for pose in poses))
 
 
-def found_session(session: Session, map_from_session: Pose, status: Status = "localized") -> Localization:
+def found_session(session: Rig, map_from_session: Pose, status: Status = "localized") -> Localization:
     poses = [map_from_session.after(image.session_from_camera) for image in session.images]
     images = tuple(FoundImage(pose, 0.5 + 0.1 * number) for number, pose in enumerate(poses))
     best = replace(candidate(), pose=poses[0])
@@ -220,7 +220,7 @@ def test_in_the_axes_of_every_frame_an_image_is_at_map_from_session_after_its_ow
     poses = Pose(turned_left(10), np.array([0.1, 0.2, 0.3])), Pose(turned_left(70), np.array([0.4, -0.2, 0.1]))
     session = session_of(*poses)
     found = found_session(session, Pose(turned_left(30), np.array([4.0, 5.0, 6.0])))
-    body = body_of(found, frame, session)
+    body = body_of(found, frame, session, pose=TrackedPose())
     map_from_session = matrix_in(body["map_from_session"])
     for image, pose in zip(body["images"], poses, strict=True):
         assert image["pose"]["frame"] == frame
@@ -234,7 +234,7 @@ def test_in_the_axes_of_every_frame_an_image_is_at_map_from_session_after_its_ow
 @pytest.mark.parametrize("frame", FRAMES)
 def test_the_session_of_one_camera_without_a_pose_is_that_camera(frame: Frame) -> None:
     photo = replace(localization(), map_from_session=candidate().pose, images=(FoundImage(candidate().pose, 0.6),))
-    for found, query, hfov_deg in ((photo, PHOTO, 69.0), (localization(), PANORAMA, 360.0)):
+    for found, query, hfov_deg in ((photo, Rig.of_photo(PHOTO), 69.0), (localization(), PANORAMA, 360.0)):
         body = body_of(found, frame, query)
         assert body["map_from_session"] == body["pose"]["map_from_camera"]
         (image,) = body["images"]
@@ -243,16 +243,19 @@ def test_the_session_of_one_camera_without_a_pose_is_that_camera(frame: Frame) -
 
 
 def test_a_single_image_agrees_as_the_whole_query_does() -> None:
-    found = replace(localization(), evidence=Evidence({"correlation": 0.83}, None, None))
+    found = replace(localization(), evidence=Evidence({"correlation": 0.83}, {}, (), None, None))
     assert body_of(found)["images"][0]["agreement"] == 0.83
     assert body_of(localization())["images"][0]["agreement"] is None
 
 
 def test_a_session_that_fits_nowhere_has_no_poses_but_says_how_its_images_agreed() -> None:
     session = session_of(Pose(np.eye(3), np.zeros(3)), Pose(turned_left(70), np.zeros(3)))
-    body = body_of(found_session(session, candidate().pose, "not_localized"), query=session)
+    body = body_of(found_session(session, candidate().pose, "not_localized"), query=session, pose=TrackedPose())
     assert body["map_from_session"] is None
     assert [image["pose"] for image in body["images"]] == [None, None]
     assert [image["agreement"] for image in body["images"]] == [0.5, 0.6]
     nothing = Localization("not_localized", localization().search, {})
-    assert [image["agreement"] for image in body_of(nothing, query=session)["images"]] == [None, None]
+    assert [image["agreement"] for image in body_of(nothing, query=session, pose=TrackedPose())["images"]] == [
+        None,
+        None,
+    ]

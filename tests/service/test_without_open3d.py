@@ -12,6 +12,7 @@ import sys
 sys.modules["open3d"] = None  # as if it were not installed
 from pathlib import Path
 import panoloc.service.serve, panoloc.service.pool.child, panoloc.service.worker.localization_worker, panoloc.service.worker.registrar
+from panoloc.core.camera.rig import Rig
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import IndexOptions
@@ -24,7 +25,7 @@ box = PaintedBox(seed=3)
 write_ply(Path(sys.argv[1]), box.scan())
 index = build_map_index(read_scan(Path(sys.argv[1])), IndexOptions(spacing_m=0.8))
 pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-print(Localizer(device="cpu").localize(box.panorama(pose), [index]).status)
+print(Localizer(device="cpu").localize(Rig.of_panorama(box.panorama(pose)), [index]).status)
 """
 
 

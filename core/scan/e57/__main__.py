@@ -11,10 +11,10 @@ import sys
 from pathlib import Path, PurePosixPath
 
 from panoloc.core.errors import CoreError
-from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.options import CAMERAS_FILE, ScanOptions
 from panoloc.core.scan.e57.images import E57Image, images_of
 from panoloc.core.scan.e57.reader import opened
+from panoloc.core.scan.file_names import distinct_names
 from panoloc.core.scan.reading_context import ReadingContext
 
 REFUSED = 3

@@ -1,5 +1,6 @@
 """A scanner on a tripod: points only where its stations see, with noise on range and color."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,19 @@ class Scan:
     stations: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """What rays of several stations meet: hits (N,) along unit directions (N, 3), and the number of each ray's station (N,)."""
+
+    hits: Hits
+    directions: NDArray[np.float64]
+    station: NDArray[np.int64]
+
+    def ends(self, stations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the points (N, 3) that rays from stations (S, 3) meet."""
+        return np.asarray(stations[self.station] + self.directions * self.hits.distance[:, None])
+
+
 def scan_with_truth(
     scene: Scene,
     num_stations: int | None = None,
@@ -42,15 +56,8 @@ def scan_with_truth(
     """
     rng = np.random.default_rng((seed, 7))
     stations = scanner_positions(scene, num_stations, rng)
-    # Directions are uniform on the sphere, so near surfaces get more points; some of those are dropped again.
-    per_station = int(num_points / len(stations) * 1.7) + 1000
-    origins = np.repeat(stations, per_station, axis=0)
-    directions = _uniform_directions(rng, len(origins))
-    hits = scene.surface.cast(origins, directions)
-    chosen = _choose(scene, hits, directions, num_points, rng)
-    hits = Hits(hits.distance[chosen], hits.triangle[chosen], hits.weights[chosen])
-    origins, directions = origins[chosen], directions[chosen]
-    exact = origins + directions * hits.distance[:, None]
+    rays = cast_rays(scene, stations, num_points, rng)
+    hits, directions, exact = rays.hits, rays.directions, rays.ends(stations)
     measured = exact + directions * rng.normal(0, noise_m, (len(exact), 1))
     if color_kind == "labels":
         colors = label_colors(scene, hits)
@@ -68,18 +75,49 @@ def scan_scene(
     return scan_with_truth(scene, num_stations, num_points, seed=seed, color_kind=color_kind).cloud
 
 
+def cast_rays(
+    scene: Scene,
+    stations: NDArray[np.float64],
+    num_points: int,
+    rng: np.random.Generator,
+    returns: Callable[[Rays], NDArray[np.float32]] | None = None,
+    surplus: float = 1.7,
+) -> Rays:
+    """Cast rays in all directions from stations (S, 3) and keep `num_points` of those that meet something.
+
+    returns: share in 0..1 (N,) of rays that come back, None for all. surplus: rays cast per ray kept.
+    """
+    # Directions are uniform on the sphere, so near surfaces get more points; some of those are dropped again.
+    per_station = int(num_points / len(stations) * surplus) + 1000
+    station = np.repeat(np.arange(len(stations)), per_station)
+    directions = _uniform_directions(rng, len(station))
+    hits = scene.surface.cast(stations[station], directions)
+    share = 1.0 if returns is None else returns(Rays(hits, directions, station))
+    chosen = _choose(scene, hits, directions, share, num_points, rng)
+    hits = Hits(hits.distance[chosen], hits.triangle[chosen], hits.weights[chosen])
+    return Rays(hits, directions[chosen], station[chosen])
+
+
 def _uniform_directions(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     directions = rng.normal(size=(count, 3))
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def _choose(
-    scene: Scene, hits: Hits, directions: NDArray[np.float64], num_points: int, rng: np.random.Generator
+    scene: Scene,
+    hits: Hits,
+    directions: NDArray[np.float64],
+    share: NDArray[np.float32] | float,
+    num_points: int,
+    rng: np.random.Generator,
 ) -> NDArray[np.int64]:
-    """Draw at most `num_points` hits, favouring sparse (far, grazing) surfaces; most rays on glass do not return."""
+    """Draw at most `num_points` hits, favouring sparse (far, grazing) surfaces; most rays on glass do not return.
+
+    share: of the rays that come back, (N,) or one for all.
+    """
     cosine = np.abs((scene.surface.normals[hits.triangle] * directions).sum(1))
     area_per_ray = np.where(hits.found, hits.distance, 0) ** 2 / np.maximum(cosine, 0.05)
-    weight = np.minimum(area_per_ray, np.quantile(area_per_ray[hits.found], 0.7)) * hits.found
+    weight = np.minimum(area_per_ray, np.quantile(area_per_ray[hits.found], 0.7)) * hits.found * share
     glass = hits.found & (scene.surface.label[hits.triangle] == _WINDOW)
     weight = np.where(glass, weight * _GLASS_RETURNS, weight)
     # Exponential races: the smallest of e_i / w_i are a weighted draw without replacement.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera, CameraModel
-from panoloc.core.camera.rig import Photo, Session, SessionImage
+from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Hints, SessionOptions
@@ -158,27 +158,27 @@ def tracked(
     map_from_session: Pose,
     options: SessionOptions,
     rng: np.random.Generator,
-) -> Session:
+) -> Rig:
     """Return the session of photos with map_from_camera `poses`, as tracking with the noise of `options` has it.
 
     The noise is normal and of its own in every image; its length and its angle are those of `options` in the quadratic mean.
     """
     session_from_map = map_from_session.inverse()
     images = tuple(
-        SessionImage(photo, _shaken(session_from_map.after(pose), options, rng))
+        RigImage(photo, _shaken(session_from_map.after(pose), options, rng))
         for photo, pose in zip(photos, poses, strict=True)
     )
-    return Session(images, options)
+    return Rig(images, options)
 
 
 def _shaken(pose: Pose, options: SessionOptions, rng: np.random.Generator) -> Pose:
     per_axis = np.sqrt(1 / 3)
     shift = rng.normal(0, options.position_noise_m * per_axis, 3)
     turn = rng.normal(0, np.radians(options.orientation_noise_deg) * per_axis, 3)
-    return Pose(_rotation_of(turn) @ pose.rotation, pose.position + shift)
+    return Pose(rotation_of(turn) @ pose.rotation, pose.position + shift)
 
 
-def _rotation_of(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotation_of(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation (3, 3) about a vector (3,) by its length in radians (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     if angle == 0:

@@ -55,6 +55,12 @@ def day(scene: Scene) -> Scene:
     return _relit(scene, daylight=1.5, lamps=0.05)
 
 
+def another_day(scene: Scene, seed: int) -> Scene:
+    """Return the scene in the light of another day, drawn from dusk with lamps to sun without."""
+    rng = np.random.default_rng((seed, 5))
+    return _relit(scene, daylight=rng.uniform(0.3, 1.4), lamps=rng.uniform(0.1, 1.0))
+
+
 def _swung(leaf: SceneObject, angle: float) -> SceneObject:
     """Return a door leaf partly closed, by `angle` radians."""
     assert leaf.hinge is not None

@@ -13,8 +13,8 @@ from typing import Annotated, get_args
 import typer
 from rich.markup import escape
 
-from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
+from panoloc.core.scan.file_names import distinct_names
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing.place_folder import PlaceFolder

@@ -18,8 +18,8 @@ from typing import Any
 
 import typer
 
-from panoloc.core.exports.file_names import display_name
 from panoloc.core.options import CAMERAS_FILE
+from panoloc.core.scan.file_names import display_name
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo, why_left_out
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, replace_file

@@ -46,7 +46,7 @@ def compared(
     depth = torch.full((1, HEIGHT, WIDTH), 2.0)
     views = SyntheticViews(scan[None], depth, depth > 0, torch.zeros_like(depth, dtype=torch.int64))
     sides = scan.flatten(0, 1)[None], panorama.flatten(0, 1)[None], weights.flatten()[None]
-    comparison = Comparison(*sides, None, views)
+    comparison = Comparison(*sides, None, views, torch.zeros_like(sides[2], dtype=torch.int64))
     near = even_directions(3000)
     # In the order of a curve, neighbours are together; here every other point is hidden.
     positions = CENTER + torch.stack((2 * near, 5 * near), dim=1).flatten(0, 1)

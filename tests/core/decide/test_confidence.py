@@ -1,26 +1,27 @@
 """Confidence and error radii: what may move them, and which way."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
 
-from panoloc.core.config import JudgeConfig
+from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.confidence import (
     FEATURES,
     ConfidenceModel,
     RadiusModel,
-    error_radii,
+    alias_margins,
     features_of,
     formal_radii,
     load_confidence_model,
-    share_within,
 )
 from panoloc.core.decide.hypotheses import Hypothesis
 from tests.core.found_pose import known
 
-CONFIG = JudgeConfig()
+FLAT = RadiusModel(0.0, 0.0, 0.0, 0.0, 0.0)
+WEIGHTS = {name: 0.1 * (k + 1) for k, name in enumerate(FEATURES)}
 
 
 def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -> None:
@@ -33,59 +34,85 @@ def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -
     assert 1 - 1e-6 < model.probability(dict.fromkeys(FEATURES, 1e6)) <= 1
 
 
-@pytest.mark.parametrize("axis", [0, 1], ids=["position", "orientation"])
-def test_radii_grow_with_the_distance_of_halves_and_shrink_with_what_is_seen(axis: int) -> None:
+def test_the_radii_that_ship_grow_with_the_formal_ones_and_never_fall_with_other_signs_of_an_error() -> None:
     model = load_confidence_model()
-
-    def radius(apart: float, coverage: float) -> float:
-        measures = {"halves_apart_m": 0.01 * apart, "halves_apart_deg": 0.1 * apart, "coverage": coverage}
-        return known(error_radii((0.01, 0.1), measures, model)[axis])
-
-    assert radius(10.0, 0.1) > radius(2.0, 0.1) > radius(2.0, 0.9)
+    for radius in (model.position_radius, model.orientation_radius):
+        assert radius.formal_power > 0
+        assert min(radius.halves_power, radius.coverage_power, radius.thickness_power) >= 0
+    assert model.alias_power >= 0
 
 
-def test_without_a_curvature_there_is_no_error_radius() -> None:
-    hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3))
-    assert error_radii(formal_radii(hypothesis), {}, load_confidence_model()) == (None, None)
+def judged(score: float = 1.2, x: float = 0.0, formal_deg: float | None = None, **measures: float) -> Hypothesis:
+    """Return a hypothesis `x` metres along an axis with some of the judge's measures, the others 0.1 to 0.5 each.
 
-
-def judged(score: float = 1.2, **measures: float) -> Any:
-    """Return a hypothesis with some of the judge's measures, the others 0.1 to 0.5 each."""
-    names = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "coverage")
+    formal_deg: its formal radius of orientation.
+    """
+    names = ("correlation", "patch_correlation", "explained", "relative_coverage", "coverage")
     usual = {name: 0.1 * (k + 1) for k, name in enumerate(names)}
-    return Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=score, measures=usual | measures)
+    hessian = None if formal_deg is None else 3 / math.radians(formal_deg) ** 2 * torch.eye(6)
+    at = torch.tensor([x, 0.0, 0.0])
+    return Hypothesis(0, 0, torch.eye(3), at, score=score, measures=usual | measures, hessian=hessian)
+
+
+# Features.
 
 
 @pytest.mark.parametrize(
-    ("score", "best_elsewhere", "share"),
+    ("score", "elsewhere", "share"),
     [
-        (0.5, 0.4, 0.2),
-        (1.5, 1.2, 0.2),  # photos and panoramas have scores of different sizes
-        (0.4, 0.5, 0.0),  # the other place is the better one
-        (-0.1, 0.2, 0.0),
-        (0.5, 0.0, 0.2),  # nobody knows
+        (0.5, (0.4, 0.1), 0.2),
+        (1.5, (0.3, 1.2), 0.2),  # scores of different sizes
+        (0.4, (0.5,), -0.25),  # the other place is the better one
+        (0.5, (0.1,), 0.5),  # farther behind says nothing more
+        (0.5, (2.0,), -0.5),  # nor does farther ahead
+        (0.5, (), 0.5),
     ],
 )
-def test_the_relative_margin_is_the_share_that_the_best_other_place_is_behind(
-    score: float, best_elsewhere: float, share: float
+def test_the_margin_is_the_share_that_the_best_rival_that_is_no_alias_is_behind(
+    score: float, elsewhere: tuple[float, ...], share: float
 ) -> None:
-    found = features_of(judged(score), best_elsewhere, None, CONFIG)
-    assert found["relative_margin"] == pytest.approx(share)
+    rivals = [judged(each, 3.0 * k) for k, each in enumerate(elsewhere, 1)]
+    alias = replace(judged(0.9 * score, -3.0), is_alias=True)
+    assert features_of(judged(score), [alias, *rivals])["margin"] == pytest.approx(share)
+    assert alias_margins(judged(score), [alias, *rivals]) == pytest.approx((0.1,))
+
+
+def test_each_alias_has_a_margin_of_its_own_within_the_same_bounds() -> None:
+    aliases = [replace(judged(each, 3.0 * k), is_alias=True) for k, each in enumerate((1.0, 1.5, 9.0, 0.1), 1)]
+    assert alias_margins(judged(1.25), aliases) == pytest.approx((0.2, -0.2, -0.5, 0.5))
+    assert alias_margins(judged(1.25), [judged(1.0, 3.0)]) == ()
+
+
+@pytest.mark.parametrize(
+    ("likenesses", "distinctness"),
+    [((0.1, 0.4, None), 0.2), ((0.1, 0.7), 0.0), ((-0.1,), 1.0)],
+)
+def test_a_place_is_as_distinct_as_the_one_that_resembles_it_most_leaves_it(
+    likenesses: tuple[float | None, ...], distinctness: float
+) -> None:
+    rivals = [replace(judged(0.2, 3.0 * k), likeness=each) for k, each in enumerate(likenesses, 1)]
+    assert features_of(judged(0.5), rivals)["distinctness"] == pytest.approx(distinctness)
 
 
 def test_what_was_not_measured_is_neither_a_good_sign_nor_a_bad_one() -> None:
-    found = features_of(judged(), 0.9, None, CONFIG)
+    rival = judged(0.9, 3.0)
+    found = features_of(judged(), [rival])
     assert tuple(found) == FEATURES
-    assert found["patch_correlation"] == pytest.approx(0.2)
-    unknown = {name: getattr(CONFIG, f"unknown_{name}") for name in ("distinctness", "halves", "sharpness", "lines")}
-    assert {name: found[name] for name in unknown} == unknown
+    good: dict[str, Any] = {"lines": 1.0, "halves_apart_m": 0.01, "halves_apart_deg": 0.1}
+    bad: dict[str, Any] = {"lines": 0.0, "halves_apart_m": 0.5, "halves_apart_deg": 20.0}
+    best = features_of(judged(formal_deg=0.02, **good), [replace(rival, likeness=0.0)])
+    worst = features_of(judged(formal_deg=20.0, **bad), [replace(rival, likeness=1.2)])
+    for name in ("distinctness", "halves", "sharpness", "lines"):
+        assert worst[name] < found[name] < best[name], name
 
 
 @pytest.mark.parametrize(
     ("measures", "formal_deg", "feature", "sign"),
     [
-        ({"distinctness": 0.8}, None, "distinctness", 0.8),
+        ({"patch_correlation": 0.7}, None, "agreement", 0.7),
         ({"lines": 0.3}, None, "lines", 0.3),
+        ({"relative_coverage": 0.5}, None, "coverage", math.log(0.5)),
+        ({"relative_coverage": 0.0}, None, "coverage", math.log(0.05)),
         # Halves that meet nearer are a better sign.
         ({"halves_apart_m": 0.3, "halves_apart_deg": 0.0}, None, "halves", 0.0),  # as a right pose may be off
         ({"halves_apart_m": 0.0, "halves_apart_deg": 10.0}, None, "halves", 0.0),
@@ -97,42 +124,84 @@ def test_what_was_not_measured_is_neither_a_good_sign_nor_a_bad_one() -> None:
         ({}, 10.0, "sharpness", 0.0),
         ({}, 0.1, "sharpness", math.log(100)),
         ({}, 90.0, "sharpness", -1.0),
-        ({}, 0.0, "sharpness", 9.0),
+        ({}, 1e-9, "sharpness", 7.0),
     ],
 )
 def test_what_was_measured_is_a_sign(
     measures: dict[str, float], formal_deg: float | None, feature: str, sign: float
 ) -> None:
-    formal = None if formal_deg is None else (0.01, formal_deg)
-    assert features_of(judged(**measures), 0.9, formal, CONFIG)[feature] == pytest.approx(sign)
+    found = features_of(judged(formal_deg=formal_deg, **measures), [judged(0.9, 3.0)])
+    assert found[feature] == pytest.approx(sign, abs=1e-5)
 
 
 def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:
-    flat = RadiusModel(0.0, 0.0, 0.0, 0.0)
-    model = ConfidenceModel(0.5, {name: 0.1 * (k + 1) for k, name in enumerate(FEATURES)}, 0.5, flat, flat)
+    model = ConfidenceModel(0.5, WEIGHTS, 0.0, 0.5, FLAT, FLAT)
     features = {name: 1.0 - 0.2 * k for k, name in enumerate(FEATURES)}
     logit = 0.5 + sum(0.1 * (k + 1) * (1.0 - 0.2 * k) for k in range(len(FEATURES)))
     assert model.probability(features) == pytest.approx(1 / (1 + math.exp(-logit)))
 
 
+@pytest.mark.parametrize(
+    ("power", "scores", "share"),
+    [
+        (5.0, (), 1.0),
+        (5.0, (1.2,), 1 / 2),
+        (5.0, (1.2, 1.2), 1 / 3),
+        (0.0, (0.9, 0.2), 1 / 3),  # nothing tells them apart
+        (math.log(3) / 0.25, (0.9,), 3 / 4),  # a quarter behind, a third as probable
+        (math.log(3) / 0.25, (0.9, 1.5), 1 / (1 + 1 / 3 + 3)),
+    ],
+)
+def test_the_probability_is_divided_among_places_that_look_the_same_by_powers_of_their_scores(
+    power: float, scores: tuple[float, ...], share: float
+) -> None:
+    model = ConfidenceModel(0.5, WEIGHTS, power, 0.5, FLAT, FLAT)
+    aliases = [replace(judged(score, 3.0 * k), is_alias=True) for k, score in enumerate(scores, 1)]
+    other = judged(1.0, -3.0)
+    alone = model.probability(features_of(judged(1.2), [other]))
+    assert model.confidence(judged(1.2), [other, *aliases]) == pytest.approx(share * alone)
+
+
+# Radii.
+
+
 def test_a_radius_is_a_product_of_powers() -> None:
-    model = RadiusModel(log_factor=0.3, formal_power=0.5, halves_power=0.25, coverage_power=2.0)
-    assert model.radius(0.04, 0.16, 0.1) == pytest.approx(math.exp(0.3) * 0.2 * 0.16**0.25 * 100)
-    assert model.radius(0.0, 1e-9, 1.0) == pytest.approx(math.exp(0.3) * 1e-9**0.75)
+    model = RadiusModel(log_factor=0.3, formal_power=0.5, halves_power=0.25, coverage_power=2.0, thickness_power=1.5)
+    good = math.exp(0.3) * 0.2 * 0.16**0.25 * 100
+    assert model.radius(0.04, 0.16, 0.1, 0.004) == pytest.approx(good)
+    assert model.radius(0.04, 0.16, 0.1, 0.036) == pytest.approx(27 * good)  # surfaces nine times as thick
+    assert model.radius(0.04, 0.16, 0.1, 0.0) == pytest.approx(good)  # thinner ones say nothing more
+    assert model.radius(0.0, 1e-9, 1.0, 0.0) == pytest.approx(math.exp(0.3) * 1e-9**0.75)
 
 
 def test_halves_are_never_nearer_than_the_curvature_allows_and_usual_where_nobody_asked() -> None:
-    model = RadiusModel(log_factor=0.0, formal_power=0.0, halves_power=1.0, coverage_power=0.0)
-    assert model.radius(0.04, 0.001, 1.0) == pytest.approx(0.04)
-    assert model.radius(0.04, None, 1.0) == pytest.approx(0.28)
+    model = RadiusModel(log_factor=0.0, formal_power=0.0, halves_power=1.0, coverage_power=0.0, thickness_power=0.0)
+    assert model.radius(0.04, 0.001, 1.0, 0.0) == pytest.approx(0.04)
+    assert model.radius(0.04, None, 1.0, 0.0) == pytest.approx(0.28)
 
 
-def test_error_radii_use_the_model_of_their_own_and_no_turn_is_more_than_half_a_one() -> None:
-    position, orientation = RadiusModel(0.0, 1.0, 0.0, 0.0), RadiusModel(math.log(2), 0.0, 1.0, 1.0)
-    model = ConfidenceModel(0.0, {}, 0.5, position, orientation)
-    measures = {"halves_apart_m": 1.0, "halves_apart_deg": 6.0, "coverage": 0.5}
-    assert list(error_radii((0.03, 5.0), measures, model)) == pytest.approx([0.03, 24.0])
-    assert error_radii((0.03, 500.0), measures, model)[1] == 180.0
+def test_the_accuracy_of_a_pose_has_a_model_for_each_radius_and_the_noise_of_others() -> None:
+    position, orientation = RadiusModel(0.0, 1.0, 0.0, 0.0, 1.0), RadiusModel(math.log(2), 0.0, 1.0, 1.0, 0.0)
+    model = ConfidenceModel(0.0, {}, 0.0, 0.5, position, orientation)
+    pose = judged(formal_deg=5.0, halves_apart_m=1.0, halves_apart_deg=6.0, coverage=0.5)
+    formal_m, _ = known(formal_radii(pose))
+
+    def radii(of: Hypothesis, noise: Accuracy = NO_NOISE) -> tuple[float, float]:
+        found = model.accuracy(of, noise)
+        return known(found.position_m), known(found.orientation_deg)
+
+    assert radii(pose) == pytest.approx((formal_m, 24.0))
+    assert radii(pose, Accuracy(0.5, 7.0)) == pytest.approx((math.hypot(formal_m, 0.5), 25.0))
+    assert radii(replace(pose, measures=pose.measures | {"halves_apart_deg": 100.0}))[1] == 180.0
+    assert radii(replace(pose, measures=pose.measures | {"thickness_m": 0.012})) == pytest.approx((3 * formal_m, 24.0))
+
+
+def test_without_a_curvature_there_is_no_radius_and_without_anything_that_agrees_a_wide_one() -> None:
+    model = load_confidence_model()
+    assert model.accuracy(judged()) == Accuracy(None, None)
+    blind = replace(judged(), hessian=torch.zeros((6, 6)))
+    assert known(formal_radii(blind))[0] > 5
+    assert model.accuracy(blind).share_right < 0.1
 
 
 def test_formal_radii_are_those_of_independent_residuals() -> None:
@@ -141,11 +210,3 @@ def test_formal_radii_are_those_of_independent_residuals() -> None:
     found = known(formal_radii(hypothesis))
     assert found[0] == pytest.approx(0.2 * math.sqrt(1 / 25 + 1 / 100 + 1 / 400), rel=1e-6)
     assert found[1] == pytest.approx(math.degrees(0.2 * math.sqrt(1 + 1 / 4 + 1 / 16)), rel=1e-6)
-
-
-def test_nothing_is_surer_to_be_right_than_its_radius_allows() -> None:
-    assert share_within(None, None) == 1.0
-    assert share_within(0.3, 1.0) == pytest.approx(0.68)
-    assert share_within(0.1, 10.0) == pytest.approx(0.68)
-    assert share_within(0.15, None) == pytest.approx(1 - 0.32**4)
-    assert share_within(1.2, 0.1) < 0.08

@@ -1,7 +1,6 @@
 """Which hypotheses remain."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -11,10 +10,9 @@ from panoloc.core.decide.hypotheses import (
     Hypothesis,
     by_score,
     merged,
+    with_aliases,
     with_close_rival,
-    with_distinctness,
     with_refined,
-    with_same_views,
     within_margin,
 )
 from panoloc.core.geometry.rotations import rotation_from_vector
@@ -112,37 +110,26 @@ def test_the_best_pose_elsewhere_goes_along_where_it_is_close() -> None:
     assert with_close_rival([], 2, 0.25, place) == []
 
 
-def test_a_place_is_as_distinct_as_the_one_that_resembles_it_most_leaves_it() -> None:
-    best = replace(placed(0.0, 0.5), measures={"coverage": 0.1})
-    others = [replace(placed(3.0 * k, 0.2), likeness=likeness) for k, likeness in enumerate((0.1, 0.4, None), 1)]
-    found = with_distinctness(best, others)
-    assert found.measures == {"coverage": 0.1, "distinctness": pytest.approx(0.2)}
-    assert with_distinctness(best, [replace(others[0], likeness=0.7)]).measures["distinctness"] == 0.0
-    assert with_distinctness(best, [replace(others[0], likeness=-0.1)]).measures["distinctness"] == 1.0
-    assert with_distinctness(best, others[2:]) == best
-    assert with_distinctness(found, others[2:]) == best
-
-
 def test_places_near_those_that_look_the_same_are_marked_and_the_best_is_not() -> None:
     hypotheses = [placed(0.0), placed(4.1), placed(9.0), placed(4.0, map_number=1)]
-    marked = with_same_views(hypotheses, [placed(4.5), placed(0.1)], PoseDistance(1.0, 30.0))
-    assert [h.is_same_view for h in marked] == [False, True, False, False]
-    assert with_same_views([], [placed(0.0)], PoseDistance(1.0, 30.0)) == []
+    marked = with_aliases(hypotheses, [placed(4.5), placed(0.1)], PoseDistance(1.0, 30.0))
+    assert [h.is_alias for h in marked] == [False, True, False, False]
+    assert with_aliases([], [placed(0.0)], PoseDistance(1.0, 30.0)) == []
 
 
 def test_what_is_near_the_best_is_no_equal_however_near_it_is_to_one() -> None:
     # 0.8 m beside the best, and as far from a place that looks the same.
     hypotheses = [placed(0.0), placed(0.8), placed(1.7)]
-    marked = with_same_views(hypotheses, [placed(0.0), placed(1.6)], PoseDistance(1.0, 30.0))
-    assert [h.is_same_view for h in marked] == [False, False, True]
+    marked = with_aliases(hypotheses, [placed(0.0), placed(1.6)], PoseDistance(1.0, 30.0))
+    assert [h.is_alias for h in marked] == [False, False, True]
 
 
 def test_the_place_that_equals_were_sought_from_is_one_of_them_where_another_fits_better() -> None:
     sought_from, equal = placed(0.0), placed(4.5)
     ranked = [placed(4.4, 0.9), placed(0.1, 0.8), placed(9.0, 0.7)]
-    marked = with_same_views(ranked, [sought_from, equal], PoseDistance(1.0, 30.0))
-    assert [h.is_same_view for h in marked] == [False, True, False]
+    marked = with_aliases(ranked, [sought_from, equal], PoseDistance(1.0, 30.0))
+    assert [h.is_alias for h in marked] == [False, True, False]
     # What is best at none of these places says nothing of them.
     elsewhere = [placed(9.0, 0.9), placed(0.1, 0.8), placed(4.4, 0.7)]
-    marked = with_same_views(elsewhere, [sought_from, equal], PoseDistance(1.0, 30.0))
-    assert not any(h.is_same_view for h in marked)
+    marked = with_aliases(elsewhere, [sought_from, equal], PoseDistance(1.0, 30.0))
+    assert not any(h.is_alias for h in marked)

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from panoloc.core.camera.rig import Session
+from panoloc.core.camera.rig import Rig
 from panoloc.core.config import JudgeConfig
 from panoloc.core.decide.photo_agreement import PhotoAgreement, agreement_by_photo
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.image.photo_atlas import PhotoAtlas
-from panoloc.core.render.comparison import Comparison
-from panoloc.core.render.photo_comparison import RigView
+from panoloc.core.image.rig_pyramid import RigPyramid
+from panoloc.core.render.comparison import Comparison, RigView
 from tests.core.built_maps import BOX, map_of, tensors_of
 from tests.core.image.painted_photos import TWO, rig_pose, session_of
 from tests.core.painted_box import rotation_of
@@ -22,9 +21,9 @@ SECOND = SESSION.images[1]
 COLOR = SECOND.photo.color
 
 
-def compared(session: Session) -> Comparison:
-    view = RigView(PhotoAtlas(session, 512, None, "cpu"), 8.0)
-    return view.compare(map_of(BOX).render_cloud, *tensors_of(rig_pose(session)), 128, is_labels=False)
+def compared(rig: Rig) -> Comparison:
+    view = RigView(RigPyramid(rig, 512, None, "cpu"), 8.0)
+    return view.compare(map_of(BOX).render_cloud, *tensors_of(rig_pose(rig)), 128)
 
 
 def agreements(color: np.ndarray = COLOR, at: Pose = TWO[1]) -> tuple[PhotoAgreement, PhotoAgreement]:

@@ -1,121 +1,135 @@
-"""The verdict over judged hypotheses."""
+"""The verdict over judged hypotheses, by a model whose coefficients are those of no fit."""
 
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 
 from panoloc.core.config import JudgeConfig
-from panoloc.core.decide.confidence import load_confidence_model
+from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
+from panoloc.core.decide.confidence import FEATURES, ConfidenceModel, RadiusModel
 from panoloc.core.decide.hypotheses import Hypothesis
-from panoloc.core.decide.verdict import verdict
+from panoloc.core.decide.verdict import Verdict, verdict
 
-MODEL, CONFIG = load_confidence_model(), JudgeConfig()
+CONFIG = JudgeConfig()
+# What agrees by 0.9 is sure to 4 alone, in logits, and to 0.847 at the threshold; what a rival takes of it depends on how near it comes
+# and on how much it looks like the best; an alias takes a share.
+WEIGHTS = {"agreement": 10.0, "margin": 8.0, "distinctness": 2.0}
+RADIUS = RadiusModel(0.0, 1.0, 0.0, 0.0, 0.0)
+MODEL = ConfidenceModel(-10.0, dict.fromkeys(FEATURES, 0.0) | WEIGHTS, 4.0, 0.7, RADIUS, RADIUS)
+ALONE = 1 / (1 + math.exp(-4.0))
 
 
-def judged(x: float, score: float, fits: float) -> Hypothesis:
-    """Return a hypothesis at a place whose measures all say how well it fits."""
-    measures = {"correlation": fits, "patch_correlation": fits, "inlier_share": fits, "coverage": 0.9}
+def judged(x: float, score: float, fits: float = 0.9) -> Hypothesis:
+    """Return a hypothesis at a place whose images agree by `fits`."""
+    measures = {"correlation": fits, "patch_correlation": fits, "relative_coverage": 1.0, "coverage": 0.9}
     return Hypothesis(0, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score, measures=measures)
 
 
+def judge(*hypotheses: Hypothesis, noise: Accuracy = NO_NOISE) -> Verdict:
+    return verdict(hypotheses, MODEL, CONFIG, noise)
+
+
 def test_a_place_that_fits_far_better_than_all_others_is_localized() -> None:
-    found = verdict([judged(0.0, 1.8, 0.9), judged(3.0, 0.6, 0.3)], MODEL, CONFIG)
-    assert found.status == "localized"
-    assert found.confidences[0] > MODEL.threshold > found.confidences[1]
+    found = judge(judged(0.0, 1.8), judged(3.0, 0.6, 0.3))
+    assert (found.status, found.num_equals) == ("localized", 1)
+    assert found.confidences == pytest.approx([ALONE, 1 - ALONE])
+    assert found.together == found.confidences[0]
 
 
 def test_two_places_that_fit_alike_are_ambiguous() -> None:
-    found = verdict([judged(0.0, 1.8, 0.9), judged(3.0, 1.79, 0.9)], MODEL, CONFIG)
-    assert found.status == "ambiguous"
-    assert len(found.places) == 2
-    assert found.confidences[0] == found.confidences[1] <= 0.5
+    found = judge(judged(0.0, 1.8), judged(3.0, 1.79))
+    assert (found.status, found.num_equals) == ("ambiguous", 2)
+    assert found.confidences == pytest.approx([ALONE / 2] * 2)
+    assert found.together == pytest.approx(ALONE)
 
 
-def test_of_three_equals_each_is_a_third_and_the_rest_stays_improbable() -> None:
-    equals = [judged(3.0 * k, 1.8 - 0.01 * k, 0.9) for k in range(3)]
-    found = verdict([*equals, judged(12.0, 0.5, 0.2)], MODEL, CONFIG)
-    assert found.status == "ambiguous"
-    assert sum(found.confidences[:3]) <= 1
-    assert found.confidences[0] == found.confidences[2] > found.confidences[3]
+def test_of_three_equals_each_is_a_third_and_the_rest_comes_last_and_stays_improbable() -> None:
+    first, second, third = (judged(3.0 * k, 1.8 - 0.01 * k) for k in range(3))
+    found = judge(first, second, judged(12.0, 0.5, 0.2), third)
+    assert (found.status, found.num_equals) == ("ambiguous", 3)
+    assert [float(place.position[0]) for place in found.places] == [0.0, 3.0, 6.0, 12.0]
+    assert found.confidences == pytest.approx([*[ALONE / 3] * 3, 1 - ALONE])
 
 
-def test_of_small_scores_a_smaller_difference_tells_two_places_apart() -> None:
-    # As of photos: 0.08 of 0.45 is more than 0.08 of 1.8.
-    clear, alike = (verdict([judged(0.0, 0.45, 0.9), judged(3.0, rival, 0.9)], MODEL, CONFIG) for rival in (0.37, 0.4))
-    assert (clear.status, alike.status) == ("localized", "ambiguous")
-    assert verdict([judged(0.0, 1.8, 0.9), judged(3.0, 1.72, 0.9)], MODEL, CONFIG).status == "ambiguous"
+@pytest.mark.parametrize("fits", [0.3, 0.58])
+def test_equals_that_would_not_be_right_alone_are_no_answer(fits: float) -> None:
+    assert judge(judged(0.0, 1.8, fits), judged(3.0, 1.79, fits)).status == "not_localized"
+
+
+@pytest.mark.parametrize(("behind", "status"), [(0.08, "ambiguous"), (0.13, "localized")])
+@pytest.mark.parametrize("score", [0.45, 1.8])
+def test_how_far_a_place_is_ahead_counts_as_a_share_of_its_score(score: float, behind: float, status: str) -> None:
+    assert judge(judged(0.0, score), judged(3.0, (1 - behind) * score)).status == status
 
 
 def test_poses_of_one_place_are_no_rivals() -> None:
-    found = verdict([judged(0.0, 1.8, 0.9), judged(0.1, 1.79, 0.9)], MODEL, CONFIG)
+    found = judge(judged(0.0, 1.8), judged(0.1, 1.79))
     assert found.status == "localized"
     assert [float(place.position[0]) for place in found.places] == [pytest.approx(0.0)]
 
 
-def test_a_pose_that_was_held_back_is_never_sure() -> None:
-    held_back = replace(judged(0.0, 1.8, 0.9), is_held_back=True)
-    for rivals in ([], [judged(3.0, 1.79, 0.9)]):
-        found = verdict([held_back, *rivals], MODEL, CONFIG)
-        assert found.status == "not_localized"
-        assert found.confidences[0] < MODEL.threshold
-
-
 @pytest.mark.parametrize(
-    ("likeness", "rival", "status"),
+    ("is_alias", "likeness", "least_behind"),
     [
-        (0.9, 0.36, "ambiguous"),  # they look the same: 20 % is no difference
-        (0.9, 0.3, "localized"),  # one third is
-        (0.7, 0.36, "localized"),  # they hardly look the same: 20 % is a difference
-        (0.7, 0.41, "ambiguous"),
-        (0.4, 0.41, "localized"),  # they do not: as much of the photo fits there by chance, which the margin knows
-        (None, 0.41, "ambiguous"),
-        (None, 0.36, "localized"),
+        (
+            False,
+            None,
+            0.847 / 8,
+        ),  # as far as a pose must be ahead to be localized: what the model gives, solved by hand
+        (False, 1.0, 1.847 / 8),  # they look the same
+        (False, 0.3, 0.447 / 8),  # they do not: as much of the images fits there by chance
+        (True, None, 0.909 / 4),  # 0.982 / 0.7 = 1 + exp(-0.909)
+        (True, 1.0, 1.019 / 4),  # 0.953 / 0.7 = 1 + exp(-1.019)
     ],
 )
-def test_how_alike_two_places_look_decides_by_how_much_they_must_differ(
-    likeness: float | None, rival: float, status: str
+def test_a_rival_must_be_farther_behind_where_it_is_an_alias_or_looks_like_the_best(
+    is_alias: bool, likeness: float | None, least_behind: float
 ) -> None:
-    other = replace(judged(3.0, rival, 0.9), likeness=None if likeness is None else likeness * 0.45)
-    assert verdict([judged(0.0, 0.45, 0.9), other], MODEL, CONFIG).status == status
+    for behind, status in ((least_behind - 0.01, "ambiguous"), (least_behind + 0.01, "localized")):
+        rival = replace(judged(3.0, 1 - behind), is_alias=is_alias, likeness=likeness)
+        assert judge(judged(0.0, 1.0), rival).status == status
 
 
-@pytest.mark.parametrize(("rival", "status"), [(0.28, "ambiguous"), (0.26, "localized")])
-def test_where_all_of_the_scan_looks_the_same_a_photo_must_tell_much_more(rival: float, status: str) -> None:
-    # Though what the photo shows of both looks so little alike that it would tell them apart elsewhere.
-    other = replace(judged(3.0, rival, 0.9), likeness=0.5 * 0.45, is_same_view=True)
-    assert verdict([judged(0.0, 0.45, 0.9), other], MODEL, CONFIG).status == status
-    assert verdict([judged(0.0, 0.45, 0.9), replace(other, is_same_view=False)], MODEL, CONFIG).status == "localized"
+def test_rivals_that_only_together_make_it_unsure_are_no_equals() -> None:
+    near, alike = judged(3.0, 0.85), replace(judged(6.0, 0.5), likeness=1.0)
+    for rival in (near, alike):
+        assert judge(judged(0.0, 1.0), rival).status == "localized"
+    found = judge(judged(0.0, 1.0), near, alike)
+    assert (found.status, found.num_equals) == ("not_localized", 1)
+    assert found.confidences[0] == pytest.approx(1 / (1 + math.exp(-0.2)))
 
 
-def test_that_equals_resemble_each_other_does_not_count_against_them() -> None:
-    best = judged(0.0, 0.45, 0.5)
-    best = replace(best, measures=best.measures | {"distinctness": 0.0})
-    equal, other = replace(judged(3.0, 0.44, 0.5), likeness=0.45), replace(judged(6.0, 0.1, 0.2), likeness=0.09)
-    found = verdict([best, other, equal], MODEL, CONFIG)
-    assert found.status == "ambiguous"
-    assert [float(place.position[0]) for place in found.places] == [0.0, 3.0, 6.0]
-    assert found.together == pytest.approx(2 * found.confidences[0]) == pytest.approx(2 * found.confidences[1])
-    as_far = replace(other, likeness=0.45)
-    assert verdict([best, as_far, equal], MODEL, CONFIG).together < found.together
+@pytest.mark.parametrize(("noise_m", "status"), [(0.0, "localized"), (0.28, "localized"), (0.5, "not_localized")])
+def test_a_pose_is_no_surer_than_its_radius_and_the_noise_allow(noise_m: float, status: str) -> None:
+    sharp = replace(judged(0.0, 1.8), hessian=1e4 * torch.eye(6), residual_scale=0.1)
+    found = judge(sharp, noise=Accuracy(noise_m, 0.0))
+    assert found.status == status
+    assert found.accuracy.position_m == pytest.approx(math.hypot(noise_m, 0.1 * math.sqrt(3e-4)), rel=1e-4)
+    assert found.confidences[0] == pytest.approx(min(ALONE, found.accuracy.share_right))
 
 
 def test_a_pose_whose_radius_is_wider_than_what_is_right_is_not_localized() -> None:
-    sharp, wide = (
-        replace(judged(0.0, 1.8, 0.9), hessian=torch.eye(6) * curvature, residual_scale=0.1)
-        for curvature in (1e4, 0.01)
-    )
-    assert verdict([sharp], MODEL, CONFIG).status == "localized"
-    found = verdict([wide], MODEL, CONFIG)
+    found = judge(replace(judged(0.0, 1.8), hessian=0.01 * torch.eye(6), residual_scale=0.1))
     assert found.status == "not_localized"
     assert found.confidences[0] < 0.3
 
 
-@pytest.mark.parametrize("fits", [0.3, 0.6, 0.9])
+def test_what_fits_the_limits_rather_than_the_images_is_never_localized_nor_ambiguous() -> None:
+    beyond = replace(judged(0.0, 1.8), beyond_limits=True)
+    for others in ((), (judged(3.0, 1.79),)):
+        found = judge(beyond, *others)
+        assert found.status == "not_localized"
+        assert found.confidences[0] <= MODEL.threshold / 2
+    # Of rivals nothing was asked but where they are.
+    assert judge(judged(0.0, 1.8), replace(judged(3.0, 0.2), beyond_limits=True)).status == "localized"
+
+
+@pytest.mark.parametrize("fits", [0.3, 0.6, 0.75, 0.9])
 def test_no_other_place_is_surer_than_the_answer_and_together_they_are_one(fits: float) -> None:
     # The best place by other signs than those of which the rest is measured.
     others = [judged(3.0 * k, 1.9 - 0.3 * k, 0.95) for k in (1, 2, 3)]
-    for best in (judged(0.0, 1.8, fits), replace(judged(0.0, 1.8, fits), is_held_back=True)):
-        found = verdict([best, *others], MODEL, CONFIG)
-        assert max(found.confidences) == found.confidences[0]
-        assert sum(found.confidences) <= 1 + 1e-9
+    found = judge(judged(0.0, 1.8, fits), *others)
+    assert max(found.confidences) == found.confidences[0]
+    assert sum(found.confidences) <= 1 + 1e-9

@@ -9,14 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.features.equalization import apply_tables, equalization_tables, equalize_where, label_codes
+from panoloc.core.features.equalization import apply_tables, equalization_tables, equalize_where
 from panoloc.core.features.light_fit import fit_gain_offset
-from panoloc.core.features.local_contrast import local_contrast, mixed_with_contrast
+from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.geometry.sphere_window import SphereWindow
-from panoloc.core.image.pyramid import PanoramaPyramid
+from panoloc.core.image.label_codes import label_codes
 
 
 def test_equalizing_only_where_something_is_seen_gives_the_same_there_and_nothing_elsewhere() -> None:
@@ -50,15 +49,6 @@ def test_label_colours_survive_the_noise_of_compression(labels: np.ndarray, nois
     assert torch.equal(exact, noisy)
     num_labels, num_codes = len(np.unique(separated, axis=0)), len(torch.unique(codes.codes, dim=0))
     assert num_labels == num_codes
-
-
-def test_an_unknown_label_in_a_panorama_is_masked() -> None:
-    scan = torch.tensor([[255, 0, 0], [0, 0, 255]], dtype=torch.uint8).repeat(100, 1)
-    color = np.full((64, 128, 3), (255, 0, 0), np.uint8)
-    color[:, 64:] = [10, 200, 90]
-    level = PanoramaPyramid(Panorama(color, np.ones((64, 128), bool)), 64, label_codes(scan), "cpu").level(64)
-    assert bool((level.valid[:, :64] == 1).all())
-    assert bool((level.valid[:, 64:] == 0).all())
 
 
 def test_gain_and_offset_are_those_of_a_weighted_line_fit() -> None:
@@ -134,13 +124,6 @@ def test_a_tilted_camera_sees_the_same_contrast() -> None:
     u, v = project(directions @ turn.T, HEIGHT, WIDTH)
     expected = sample_bilinear(level.permute(2, 0, 1), u, v)
     assert float((tilted - expected).abs().mean()) < 0.1 * float(expected.std())
-
-
-def test_a_mixture_goes_from_equalized_colours_to_contrast() -> None:
-    image, valid = textured(), torch.ones((1, HEIGHT, WIDTH))
-    equalized = torch.rand((1, HEIGHT, WIDTH, 3), generator=torch.Generator().manual_seed(7))
-    torch.testing.assert_close(mixed_with_contrast(equalized, image, valid, 0.0), equalized)
-    torch.testing.assert_close(mixed_with_contrast(equalized, image, valid, 1.0), local_contrast(image, valid))
 
 
 def test_the_contrast_of_a_part_is_that_of_a_sphere_that_shows_nothing_else() -> None:

@@ -6,11 +6,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.rig import Photo, Session, SessionImage
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.config import JudgeConfig, LineConfig
 from panoloc.core.features.photo_edges import Edges, edges_of_photos
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.image.photo_atlas import PhotoAtlas
+from panoloc.core.image.rig_pyramid import RigPyramid
 from tests.core.image.painted_photos import pinhole_rays
 from tests.core.painted_box import rotation_of
 
@@ -32,12 +33,9 @@ def halves() -> NDArray[np.float64]:
 
 
 def edges_of(*photos: Photo, poses: tuple[Pose, ...] = ()) -> Edges:
-    session = (
-        Session(tuple(SessionImage(*both) for both in zip(photos, poses, strict=True)))
-        if poses
-        else Session.of_photo(photos[0])
-    )
-    return edges_of_photos(PhotoAtlas(session, 512, None, "cpu"), CONFIG)
+    here = Pose(np.eye(3), np.zeros(3))
+    images = tuple(RigImage(*both) for both in zip(photos, poses or (here,), strict=True))
+    return edges_of_photos(RigPyramid(Rig(images), 512, None, "cpu"), CONFIG)
 
 
 def angles_deg(normals: Tensor, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -52,6 +50,20 @@ def test_an_edge_is_the_plane_through_the_lens_and_the_edge() -> None:
     assert np.percentile(angles_deg(edges.normals, NORMAL), 90) < 2.5
     off = np.degrees(np.arcsin(np.abs(edges.directions.double().numpy() @ NORMAL).clip(0, 1)))
     assert np.percentile(off, 90) < 1.0  # and they lie on it
+
+
+def test_edges_of_a_panorama_go_all_around_and_are_in_one_plane() -> None:
+    rows, normal = 512, np.array([0.7, 0.1, 0.7]) / np.linalg.norm([0.7, 0.1, 0.7])
+    azimuth = np.pi - np.pi * (np.arange(2 * rows) + 0.5) / rows
+    elevation = (np.pi / 2 - np.pi * (np.arange(rows) + 0.5) / rows)[:, None]
+    flat = np.cos(elevation)
+    side = normal[0] * flat * np.cos(azimuth) + normal[1] * flat * np.sin(azimuth) + normal[2] * np.sin(elevation)
+    color = ((0.55 + 0.25 * np.tanh(side * 300))[..., None] * np.full(3, 255)).astype(np.uint8)
+    edges = edges_of(Photo.of_panorama(Panorama(color, np.ones(side.shape, bool))))
+    assert np.percentile(angles_deg(edges.normals, normal), 95) < 2.5
+    along = np.linalg.svd(normal[None])[2][1:] @ edges.directions.double().numpy().T
+    turned = np.degrees(np.arctan2(along[1], along[0]))
+    assert np.histogram(turned, 18, (-180, 180))[0].min() > 5
 
 
 def test_edges_are_in_the_axes_of_the_rig() -> None:

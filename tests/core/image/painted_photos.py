@@ -1,4 +1,4 @@
-"""Photos and sessions of a painted box, made by the definition of a camera and not by the code under test."""
+"""Photos of a painted box, alone and in rigs, made by the definition of a camera and not by the code under test."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.rig import Photo, Session, SessionImage, session_from_rig
+from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import SessionOptions
 from tests.core.built_maps import BOX, POSE
@@ -45,15 +45,15 @@ FOUR = (
 MAP_FROM_SESSION = Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2]))
 
 
-def session_of(poses: Sequence[Pose] = TWO, box: PaintedBox = BOX, up_known: bool = False) -> Session:
+def session_of(poses: Sequence[Pose] = TWO, box: PaintedBox = BOX, up_known: bool = False) -> Rig:
     """Return photos of phones held upright and sideways in turn, taken at MAP_FROM_SESSION from poses known among each other."""
     images = [
-        SessionImage(photo_of(camera, MAP_FROM_SESSION.after(pose), box), pose)
+        RigImage(photo_of(camera, MAP_FROM_SESSION.after(pose), box), pose)
         for camera, pose in zip((UPRIGHT, SIDEWAYS) * 2, poses, strict=False)
     ]
-    return Session(tuple(images), SessionOptions(up_known=up_known))
+    return Rig(tuple(images), SessionOptions(up_known=up_known))
 
 
-def rig_pose(session: Session) -> Pose:
-    """Return where in the map the rig of such a session is."""
-    return MAP_FROM_SESSION.after(session_from_rig(session))
+def rig_pose(rig: Rig) -> Pose:
+    """Return where in the map such a rig is."""
+    return MAP_FROM_SESSION.after(rig.session_from_rig)

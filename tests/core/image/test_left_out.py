@@ -5,7 +5,7 @@ import pytest
 
 from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Session, SessionImage, left_out
+from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_image, read_panorama
 from tests.core.built_maps import localized, panorama
@@ -59,7 +59,6 @@ def test_bars_of_a_photo_are_left_out_and_it_keeps_that_on_the_sphere() -> None:
     color[:60], color[-60:] = 0, 0  # and two mixed rows beside each
     camera = CameraDescription("pinhole", hfov_deg=70.0)
     photo = read_image(encoded(color), camera=camera)
-    assert isinstance(photo, Photo)
     assert not photo.valid[:60].any()
     assert photo.valid[70:-70].all()
     assert photo.left_out[0].startswith("27% of the photo is a flat black bar above or below")
@@ -78,13 +77,11 @@ def test_several_photos_are_told_apart_by_their_number() -> None:
         Photo.of_panorama(Panorama(scenery(), np.ones((512, 1024), np.bool_), words)) for words in ((), ("words",))
     )
     here = Pose(np.eye(3), np.zeros(3))
-    session = Session((SessionImage(clean, here), SessionImage(spoilt, here)))
-    assert left_out(session) == ("image 2: words",)
-    assert left_out(Session.of_photo(spoilt)) == left_out(spoilt) == ("words",)
+    assert Rig((RigImage(clean, here), RigImage(spoilt, here))).left_out == ("image 2: words",)
+    assert Rig.of_photo(spoilt).left_out == ("words",)
 
 
 @pytest.mark.slow
 def test_an_answer_says_what_was_left_out() -> None:
     spoilt = Panorama(panorama().color, panorama().valid, ("words",))
-    assert localized(spoilt).warnings == ("words",)
-    assert localized(Photo.of_panorama(spoilt)).warnings == ("words",)
+    assert localized(Rig.of_panorama(spoilt)).warnings == ("words",)

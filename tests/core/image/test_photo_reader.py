@@ -5,7 +5,6 @@ import pytest
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription
-from panoloc.core.camera.rig import Photo
 from panoloc.core.errors import CoreError, OptionsError, PanoramaShapeError, PanoramaUnusableError
 from panoloc.core.image.photo_window import photo_on_sphere
 from panoloc.core.image.reader import read_image, read_panorama
@@ -15,12 +14,6 @@ from tests.core.image.picture_files import encoded, photo_file, picture
 
 PHONE = CameraDescription("pinhole", hfov_deg=69.0)
 PHOTO = encoded(picture(640, 480))
-
-
-def photo(data: bytes, camera: CameraDescription | None = None) -> Photo:
-    found = read_image(data, camera=camera)
-    assert isinstance(found, Photo)
-    return found
 
 
 def width_and_height_deg(valid: np.ndarray) -> tuple[float, float]:
@@ -49,7 +42,7 @@ def test_a_phones_photo_is_placed_by_its_exif_data() -> None:
 def test_a_copy_of_its_shape_is_taken_for_all_of_the_photo_and_one_of_another_size_is_told(
     taken: tuple[int, int], is_told: bool
 ) -> None:
-    found = photo(photo_file(picture(900, 600), focal_mm=26, taken=taken))
+    found = read_image(photo_file(picture(900, 600), focal_mm=26, taken=taken))
     assert found.camera.hfov_deg == pytest.approx(69.4, abs=0.1)
     assert [words.partition(", which")[0] for words in found.left_out] == [
         f"the EXIF data describe an image of {max(taken)} x {min(taken)} px, got 900 x 600"
@@ -59,14 +52,14 @@ def test_a_copy_of_its_shape_is_taken_for_all_of_the_photo_and_one_of_another_si
 def test_of_a_crop_whose_camera_is_told_nobody_asks_what_it_was_before() -> None:
     cut = photo_file(picture(900, 600), focal_mm=26, taken=(4032, 3024))
     camera = CameraDescription("pinhole", 900, 600, fx_px=700.0, cx_px=200.0, cy_px=300.0)
-    assert photo(cut, camera).camera.cx_px == 200.0
+    assert read_image(cut, camera=camera).camera.cx_px == 200.0
 
 
 def test_a_focal_length_in_whole_millimetres_is_known_no_better_than_they_say() -> None:
     for focal_mm in (26, 77):
-        found = photo(photo_file(picture(900, 600), focal_mm))
+        found = read_image(photo_file(picture(900, 600), focal_mm))
         assert found.focal_uncertainty == pytest.approx(0.34 / focal_mm)
-    assert photo(PHOTO, PHONE).focal_uncertainty == 0
+    assert read_image(PHOTO, camera=PHONE).focal_uncertainty == 0
 
 
 def test_a_portrait_photo_is_turned_upright() -> None:

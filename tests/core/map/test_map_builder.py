@@ -21,9 +21,7 @@ from panoloc.core.render.synthetic_view import render_views
 from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
 
-DESCRIPTORS = DescriptorConfig(
-    patch_rows=4, patch_columns=8, view_height=16, bins=4, size=6, basis_views=5, basis_patches=100
-)
+DESCRIPTORS = DescriptorConfig(patch_rows=4, view_height=16, bins=4, size=6, basis_views=5, picture_height=8)
 CONFIG = IndexConfig(starts=StartsConfig(min_coverage_share=0.9), descriptors=DESCRIPTORS)
 # Starts inside of the box and beside it, more than are rendered at once.
 OPTIONS = IndexOptions("grid", 1.0, region=((1.0, 1.0, 0.5), (9.0, 3.0, 2.0)))
@@ -54,7 +52,7 @@ def described_one_by_one(index: MapIndex) -> tuple[list[torch.Tensor], list[floa
         flat = views.color.flatten(1, 2)
         canonical = flat if is_labels else equalize(flat, weights.flatten(1))
         made = described_histograms(views.color, canonical, views.valid.float(), weights, PatchGrid(4, 8), 4, is_labels)
-        histograms.append(made[0].half().float())
+        histograms.append(made[0])
         coverage.append(float(weights.sum() / solid.sum()))
         sampled.append(float(((views.point[0] >= 0) * solid).sum() / solid.sum()))
     return histograms, coverage, sampled
@@ -69,14 +67,16 @@ def test_each_start_is_described_by_what_is_seen_from_it_and_those_that_see_litt
     kept = [k for k, share in enumerate(coverage) if share >= least]
     assert 8 < len(kept) < len(coverage) == 32
     assert index.num_starts == len(kept)
-    roots, weights = centered_roots(torch.stack([histograms[k] for k in kept]), PatchGrid(4, 8).solid_angles())
-    every = max(1, len(kept) // 5)
-    basis = principal_basis(roots[::every], 6, 100)
+    roots, weights = centered_roots(torch.stack(histograms), PatchGrid(4, 8).solid_angles())
+    basis = principal_basis(roots[:: len(roots) // 5], 6, 1000)
+    found, described = index.views, index.views.descriptors()
     # Directions are the same up to their sign.
-    signs = (basis * index.descriptors.basis).sum(0).sign()
-    torch.testing.assert_close(index.descriptors.basis, basis * signs, atol=2e-3, rtol=0)
-    torch.testing.assert_close(index.descriptors.values, roots @ index.descriptors.basis, atol=1e-5, rtol=1e-4)
-    torch.testing.assert_close(index.descriptors.weights, weights)
+    signs = (basis * found.basis).sum(0).sign()
+    torch.testing.assert_close(found.basis, basis * signs, atol=2e-3, rtol=0)
+    assert int(found.steps.abs().amax()) == DESCRIPTORS.steps
+    rounded = (described.values - roots[kept] @ found.basis).abs().amax((1, 2))
+    assert bool((rounded <= found.scale / 2 * 1.01).all())
+    torch.testing.assert_close(described.weights, weights[kept], atol=0, rtol=1e-3)
     assert index.sampled_shares.tolist() == pytest.approx([sampled[k] for k in kept], abs=1e-5)
     assert index.leaf_sizes.tolist() == pytest.approx([1.0] * len(kept))
 

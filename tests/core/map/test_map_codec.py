@@ -46,16 +46,15 @@ CUTS: dict[str, tuple[str, tuple[slice, ...]]] = {
     "colors": ("colors", (SHORT,)),
     "starts": ("starts", (ALL, SHORT)),
     "leaf_sizes": ("leaf_sizes", (SHORT,)),
-    "descriptors": ("descriptors.values", (SHORT,)),
-    "basis": ("descriptors.basis", (ALL, SHORT)),
-    "patch_weights": ("descriptors.weights", (ALL, SHORT)),
     "sampled_shares": ("sampled_shares", (SHORT,)),
-    "fine_steps": ("fine_views.steps", (SHORT,)),
-    "fine_scale": ("fine_views.scale", (SHORT,)),
-    "fine_basis": ("fine_views.basis", (ALL, SHORT)),
-    "fine_weights": ("fine_views.weights", (ALL, SHORT)),
-    "pictures": ("fine_views.pictures", (ALL, ALL, SHORT)),
-    "pictures_seen": ("fine_views.seen", (ALL, SHORT)),
+    "alias_starts": ("aliases.starts", (SHORT,)),
+    "alias_turns": ("aliases.turns", (SHORT,)),
+    "descriptors": ("views.steps", (SHORT,)),
+    "descriptor_scale": ("views.scale", (SHORT,)),
+    "basis": ("views.basis", (ALL, SHORT)),
+    "patch_weights": ("views.weights", (ALL, SHORT)),
+    "pictures": ("views.pictures", (ALL, ALL, SHORT)),
+    "pictures_seen": ("views.seen", (ALL, SHORT)),
     "origin_offset": ("origin_offset", (SHORT,)),
 }
 
@@ -77,8 +76,9 @@ def test_an_array_that_does_not_fit_the_others_is_refused_by_its_name(index: Map
 
 
 def test_an_index_without_a_start_is_refused(index: MapIndex) -> None:
-    none = dataclasses.replace(index, fine_views=index.fine_views.take(torch.arange(0)))
-    for place in ("starts", "leaf_sizes", "sampled_shares", "descriptors.values", "descriptors.weights"):
+    nothing = torch.arange(0)
+    none = dataclasses.replace(index, views=index.views.take(nothing), aliases=index.aliases.take(nothing))
+    for place in ("starts", "leaf_sizes", "sampled_shares"):
         none = cut(none, place, (slice(0),))
     with pytest.raises(IndexFormatError, match=f"expected points and starts, got {index.num_points} and 0"):
         decode_map_index(encode_map_index(none))

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.features.equalization import LabelCodes
-from panoloc.core.features.fine_views import FineViews
-from panoloc.core.features.patch_descriptors import ViewDescriptors, pooled
+from panoloc.core.features.described_views import DescribedViews
+from panoloc.core.features.patch_descriptors import pooled
+from panoloc.core.image.label_codes import LabelCodes
+from panoloc.core.map.aliases import Aliases
 from panoloc.core.map.map_diagnostics import map_diagnostics
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import ColorKind, IndexOptions
 from tests.core.found_pose import known
 
-NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
-FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8
+NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS, ROWS, MOST_ALIASES = 1200, 3, 128, 7, 27, 8, 2
 OFFSET = np.array([1000.5, -2000.25, 30.0])
 
 
@@ -34,22 +34,18 @@ def made(labels: bool = False) -> MapIndex:
         spacing=0.04,
         starts=torch.tensor([[1.0, 1.0, 1.0], [2.0, 1.5, 1.0], [3.0, 2.0, 1.5]]),
         leaf_sizes=torch.tensor([0.5, 0.25, 0.125]),
-        descriptors=ViewDescriptors(
-            torch.randn((NUM_STARTS, NUM_PATCHES, SIZE), generator=random),
-            torch.randn((BINS, SIZE), generator=random),
-            torch.rand((NUM_STARTS, NUM_PATCHES), generator=random),
-        ),
         sampled_shares=torch.tensor([0.2, 0.9, 0.5]),
         labels=codes if labels else None,
         num_points_read=5000,
-        fine_views=FineViews(
-            torch.randint(-31, 32, (NUM_STARTS, FINE_PATCHES, FINE_SIZE), generator=random).to(torch.int8),
+        views=DescribedViews(
+            torch.randint(-31, 32, (NUM_STARTS, NUM_PATCHES, SIZE), generator=random).to(torch.int8),
             torch.rand(NUM_STARTS, generator=random),
-            torch.randn((BINS, FINE_SIZE), generator=random),
-            torch.rand((NUM_STARTS, FINE_PATCHES), generator=random).half(),
+            torch.randn((BINS, SIZE), generator=random),
+            torch.rand((NUM_STARTS, NUM_PATCHES), generator=random).half(),
             torch.randint(0, 256, (NUM_STARTS, ROWS, 2 * ROWS, 3), generator=random).byte(),
             torch.rand((NUM_STARTS, ROWS, 2 * ROWS), generator=random) > 0.1,
         ),
+        aliases=Aliases(torch.tensor([[2, -1], [-1, -1], [0, 1]], dtype=torch.int32), torch.rand((NUM_STARTS, 2))),
     )
 
 
@@ -67,11 +63,11 @@ def test_places_are_told_in_the_scan_s_own_frame() -> None:
 def test_the_memory_of_an_index_is_that_of_its_arrays_and_of_what_a_query_adds() -> None:
     points = NUM_POINTS * (3 * 4 + 3)
     starts = NUM_STARTS * (3 * 4 + 4 + 4)
-    descriptors = 4 * (NUM_STARTS * NUM_PATCHES * SIZE + BINS * SIZE + NUM_STARTS * NUM_PATCHES)
-    # 40 bytes of a point to render, and a quarter of the descriptors again.
-    added = 40 * NUM_POINTS + NUM_STARTS * NUM_PATCHES * SIZE
-    fine = NUM_STARTS * (FINE_PATCHES * (FINE_SIZE + 2) + 4 + ROWS * 2 * ROWS * (3 + 1)) + 4 * BINS * FINE_SIZE
-    assert made().num_bytes == points + starts + descriptors + added + fine
+    aliases = NUM_STARTS * MOST_ALIASES * (4 + 4)
+    views = NUM_STARTS * (NUM_PATCHES * (SIZE + 2) + 4 + ROWS * 2 * ROWS * (3 + 1)) + 4 * BINS * SIZE
+    # 40 bytes of a point to render, a quarter and a sixteenth of the descriptors as floats, and how they spread.
+    added = 40 * NUM_POINTS + 4 * NUM_STARTS * (NUM_PATCHES * SIZE // 4 + NUM_PATCHES * SIZE // 16 + SIZE**2)
+    assert made().num_bytes == points + starts + aliases + views + added
 
 
 def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
@@ -86,31 +82,35 @@ def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
 def test_what_a_query_adds_is_made_once_and_serves_outside_of_inference() -> None:
     index = made()
     with torch.inference_mode():
-        cloud, coarse = index.render_cloud, index.coarse_views
+        cloud, spreads = index.render_cloud, index.views.spreads
+        halved, quartered = (index.views.descriptors(halvings) for halvings in (1, 2))
     assert index.render_cloud is cloud
-    assert index.coarse_views is coarse
-    assert not cloud.positions.is_inference()
-    assert not coarse.values.is_inference()
-    values, weights = pooled(index.descriptors.values, index.descriptors.weights)
-    assert torch.equal(coarse.values, values)
-    assert torch.equal(coarse.weights, weights)
-    assert torch.equal(coarse.basis, index.descriptors.basis)
+    assert index.views.spreads is spreads
+    assert (index.views.descriptors(1) is halved, index.views.descriptors(2) is quartered) == (True, True)
+    assert not any(each.is_inference() for each in (cloud.positions, spreads, halved.values, quartered.values))
+    values, weights = index.views.steps * index.views.scale[:, None, None], index.views.weights.float()
+    torch.testing.assert_close(spreads, torch.einsum("tp,tpd,tpe->tde", weights, values, values))
+    for found in (halved, quartered):
+        values, weights = pooled(values, weights)
+        torch.testing.assert_close(found.values, values)
+        torch.testing.assert_close(found.weights, weights)
+        assert torch.equal(found.basis, index.views.basis)
 
 
 @pytest.mark.parametrize("labels", [False, True])
 def test_an_index_moves_to_a_device_with_all_its_arrays(labels: bool) -> None:
     moved = made(labels).to("meta")
     arrays = [moved.positions, moved.colors, moved.starts, moved.leaf_sizes, moved.sampled_shares]
-    arrays += [moved.descriptors.values, moved.descriptors.basis, moved.descriptors.weights]
-    fine = moved.fine_views
-    arrays += [fine.steps, fine.scale, fine.basis, fine.weights, fine.pictures, fine.seen]
+    views = moved.views
+    arrays += [views.steps, views.scale, views.basis, views.weights, views.pictures, views.seen]
+    arrays += [moved.aliases.starts, moved.aliases.turns]
     if labels:
         assert moved.labels is not None
         arrays += [moved.labels.labels, moved.labels.codes]
     assert {array.device.type for array in arrays} == {"meta"}
     assert (moved.labels is not None) is labels
     assert (moved.spacing, moved.num_points_read) == (0.04, 5000)
-    assert moved.descriptors.values.shape == (NUM_STARTS, NUM_PATCHES, SIZE)
+    assert moved.views.steps.shape == (NUM_STARTS, NUM_PATCHES, SIZE)
 
 
 # What is doubtful.

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import torch
 
+from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig, PaperConfig
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.localizer import Localizer
@@ -29,7 +30,8 @@ def tiny_index() -> MapIndex:
 
 def answer_with(timeout_s: float | None = None, **config: Any) -> Localization:
     localizer = Localizer(LocalizerConfig(paper=PaperConfig(**config)), device="cpu")
-    return localizer.localize(BOX.panorama(POSE, 128), [tiny_index()], method="paper", timeout_s=timeout_s)
+    rig = Rig.of_panorama(BOX.panorama(POSE, 128))
+    return localizer.localize(rig, [tiny_index()], method="paper", timeout_s=timeout_s)
 
 
 def test_the_paper_method_lands_near_and_ranks_by_the_sampling_loss() -> None:

@@ -8,18 +8,18 @@ import pytest
 import torch
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.config import PhotoRefinementConfig
+from panoloc.core.config import RefinementConfig
+from panoloc.core.image.level import Level
 from panoloc.core.refine.focal_refinement import FocalRefined, refine_with_focal
-from panoloc.core.refine.patch_step import patch_equations
 from panoloc.core.refine.refinement import CandidatePoints
-from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.refine.step import patch_equations
 from tests.core.built_maps import BOX
-from tests.core.refine.painted_scene import CAMERA, POSE, POSITION, ROTATION, level_of, patches_of, scene
+from tests.core.refine.painted_scene import CAMERA, POSE, POSITION, ROTATION, level_of, scene
 
-STEP = PhotoRefinementConfig().patch_step
+STEP = RefinementConfig().step
 
 
-def level_as(hfov_deg: float) -> tuple[RigLevel, Camera]:
+def level_as(hfov_deg: float) -> tuple[Level, Camera]:
     """Return the photo of the scene as one of another camera."""
     guessed = Camera.from_hfov("pinhole", 640, 480, hfov_deg)
     return level_of(BOX, guessed)[0], guessed
@@ -42,7 +42,7 @@ def test_a_wrong_focal_length_is_mended_with_the_pose_that_it_led_to(guessed_deg
 
 def test_it_is_mended_although_most_of_the_room_has_changed() -> None:
     points, other = scene()[1], scene(seed=8)[1]
-    is_changed = (patches_of(points) % 5 > 1)[None, :, None]
+    is_changed = (points.patches % 5 > 1)[None, :, None]
     changed = replace(points, colors=torch.where(is_changed, other.colors, points.colors))
     factor, found = refined(changed, 88.0)
     assert factor == pytest.approx(1.0, abs=0.03)

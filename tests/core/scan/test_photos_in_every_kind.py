@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from panoloc.core.camera.rig import Rig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import build_map_index
@@ -57,6 +58,6 @@ KINDS: dict[str, Callable[[PaintedBox], bytes]] = {
 def test_a_panorama_is_found_within_five_centimetres(localizer: Localizer, name: str) -> None:
     pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
     index = build_map_index(read(name, KINDS[name](BOX)), IndexOptions(spacing_m=0.8))
-    found = localizer.localize(BOX.panorama(pose), [index])
+    found = localizer.localize(Rig.of_panorama(BOX.panorama(pose)), [index])
     assert_found(found, pose, 0.05, 1.0)
     assert found.status == "localized"

@@ -10,22 +10,23 @@ import torch
 from torch import Tensor
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.rig import Photo, Session
+from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.options import Hints
-from panoloc.core.prepared_photos import PreparedPhotos
-from panoloc.core.prepared_query import MapQuery, prepare_queries, search_rounds
+from panoloc.core.query.map_query import MapQuery
+from panoloc.core.query.rounds import rounds_of
 from panoloc.core.search.line_evidence import LineEvidence
-from panoloc.core.search.photo_search import search_photos
+from panoloc.core.search.map_search import rotations_of, search_maps
 from tests.core.built_maps import POSE, map_of, tensors_of
 from tests.core.found_pose import known
 from tests.core.image.painted_photos import SIDEWAYS, photo_of
 from tests.core.painted_box import PaintedBox
+from tests.core.search import found_candidates
 
 pytestmark = pytest.mark.slow
-CONFIG = LocalizerConfig().for_photos(0.1)
+CONFIG = LocalizerConfig()
 BOX = PaintedBox(seed=5, palette=((200, 60, 60), (60, 90, 190), (220, 210, 160), (70, 150, 90)))
 ROTATION, PLACE = (each[0] for each in tensors_of(POSE))
 
@@ -35,9 +36,8 @@ def query_of(hints: Hints | None = None, config: LocalizerConfig = CONFIG) -> Ma
     """Return a photo as a lens draws it: each pixel the mean of nine."""
     large = photo_of(Camera.from_hfov("pinhole", 1440, 1080, 69.0), POSE, BOX).color
     color = large.reshape(360, 3, 480, 3, 3).mean((1, 3)).round().astype(np.uint8)
-    photo = Session.of_photo(Photo(color, np.ones((360, 480), bool), SIDEWAYS))
-    (query,) = prepare_queries(photo, [map_of(BOX)], hints, 512, config)
-    return query
+    photo = Rig.of_photo(Photo(color, np.ones((360, 480), bool), SIDEWAYS))
+    return found_candidates.query_of(photo, hints, map_of(BOX), config)
 
 
 def evidence_of(query: MapQuery) -> LineEvidence:
@@ -51,12 +51,13 @@ def nearest_deg(rotations: Tensor, wanted: Tensor) -> float:
 @pytest.mark.parametrize("hints", [None, Hints(upright=True)])
 def test_few_rotations_are_left_and_the_right_one_is_among_them(hints: Hints | None) -> None:
     query = query_of(hints=hints)
-    first = search_rounds([query], CONFIG)[0]
+    first = rounds_of([query], CONFIG.search)[0]
     assert first.by_lines
-    likely = evidence_of(query).likely_rotations(first.limits[0], CONFIG.photo_search)
+    every = rotations_of(CONFIG.search.line_rotations, "cpu")
+    likely = evidence_of(query).likely_rotations(every, first.limits[0], CONFIG.search)
     assert len(likely) < 200
     assert nearest_deg(likely, ROTATION) < 4.0
-    assert bool(first.limits[0].allows_rotation(likely, math.radians(CONFIG.photo_search.line_margin_deg)).all())
+    assert bool(first.limits[0].allows_rotation(likely, math.radians(CONFIG.search.line_margin_deg)).all())
 
 
 def test_the_score_falls_with_what_a_rotation_misses() -> None:
@@ -76,17 +77,11 @@ def test_the_score_falls_with_what_a_rotation_misses() -> None:
 
 
 def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
-    query = query_of()
-    photos, searched = query.picture, search_rounds([query], CONFIG)[0]
-    assert isinstance(photos, PreparedPhotos)
-    given = [photos.described()], [map_of(BOX)], searched.limits, [query.lines]
-    (found,) = search_photos(*given, CONFIG.photo_search, CONFIG.fine_views)
-    off = (known(found.candidates.places) - PLACE).norm(dim=-1)
-    assert float(off[0]) < 0.2
-    starts = map_of(BOX).starts[found.candidates.starts]
-    assert (
-        float((known(found.candidates.places) - starts).abs().max()) <= float(map_of(BOX).leaf_sizes.max()) / 2 + 1e-4
-    )
-    assert float((starts[0] - PLACE).norm()) > float(off[0])
-    turned = found.rotations[found.candidates.rotations[:1]]
-    assert nearest_deg(turned, ROTATION) < 5.0
+    query, index = query_of(), map_of(BOX)
+    (proposed,) = search_maps([query.search], rounds_of([query], CONFIG.search)[0].limits, True, CONFIG.search)
+    found = proposed.candidates
+    off_m, starts = (found.positions - PLACE).norm(dim=-1), index.starts[found.starts]
+    assert float(off_m[0]) < 0.2
+    assert float((starts[0] - PLACE).norm()) > float(off_m[0])
+    assert float((found.positions - starts).abs().max()) <= float(index.leaf_sizes.max()) / 2 + 1e-4
+    assert nearest_deg(found.rotations[:1], ROTATION) < 5.0

@@ -32,16 +32,14 @@ def test_without_hints_nothing_is_limited() -> None:
 @pytest.mark.parametrize(
     ("hints", "max_tilt_deg"),
     [
-        (Hints(upright=True), 15.0),
+        (Hints(upright=True), 45.0),
         (Hints(upright=True, max_tilt_deg=3.0), 3.0),
         (Hints(max_tilt_deg=0.0), 0.0),
         (Hints(upright=True, max_tilt_deg=0.0), 0.0),
         (Hints(), None),
     ],
 )
-def test_upright_means_fifteen_degrees_unless_the_caller_says_how_much(
-    hints: Hints, max_tilt_deg: float | None
-) -> None:
+def test_upright_means_45_degrees_unless_the_caller_says_how_much(hints: Hints, max_tilt_deg: float | None) -> None:
     found = pose_limits(hints, MAP).max_tilt
     assert found == (None if max_tilt_deg is None else pytest.approx(math.radians(max_tilt_deg)))
 

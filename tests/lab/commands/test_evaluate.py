@@ -17,12 +17,10 @@ from panoloc.lab.evaluation.runner import RunOptions
 from panoloc.lab.rooms import PosedPanorama, write_case_folder
 from panoloc.service.cli.exit_codes import ExitCode
 from tests.core.painted_box import PaintedBox, rotation_of
-from tests.lab.evaluation.made_rows import made_row, measures
+from tests.lab.evaluation.made_rows import made_row, searched
 from tests.service.cli.commands import Panoloc
 
-METHOD = (
-    "quick=fast:search.num_rotations=576,search.num_candidates=8,refinement.finest_height=64,refinement.fine_height=64"
-)
+METHOD = "quick=fast:search.wide_rotations=576,search.num_candidates=8,refinement.fine_rows=64"
 
 
 @pytest.fixture(autouse=True)
@@ -92,8 +90,7 @@ def test_fit_writes_coefficients_and_says_how_they_hold(panoloc: Panoloc, tmp_pa
     rows = []
     for number in range(40):
         off_m, value = ((0.01, 0.8), (3.0, 0.2))[number % 2]
-        search = {"measures": measures(value), "score": value, "runner_up_score": 0.1}
-        rows.append(made_row(number, off_m, group="a" if number < 20 else "b", search=search))
+        rows.append(made_row(number, off_m, group="a" if number < 20 else "b", search=searched(value)))
     file = tmp_path / "rows.jsonl"
     file.write_text("".join(json.dumps(asdict(row)) + "\n" for row in rows))
 

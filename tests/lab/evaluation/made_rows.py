@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from panoloc.core.decide.confidence import FEATURES
 from panoloc.lab.evaluation.rows import Row
 
 
@@ -23,7 +24,8 @@ def made_row(number: int = 0, position_m: float | None = 0.01, orientation_deg: 
     return Row(**(values | changes))
 
 
-def measures(value: float) -> dict[str, float]:
-    """Return what the judge measures, all of one value."""
-    names = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "coverage")
-    return dict.fromkeys(names, value)
+def searched(value: float, **measures: float) -> dict[str, Any]:
+    """Return what confidence rests on, all of one value, but for some measures."""
+    names = ("correlation", "patch_correlation", "explained", "relative_coverage", "coverage")
+    features = dict.fromkeys(FEATURES, value)
+    return {"measures": dict.fromkeys(names, value) | measures, "features": features, "score": value}

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from panoloc.core.camera.rig import Rig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization, SearchSummary
@@ -27,7 +28,7 @@ def _query(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> KnownQuery:
     panorama = box.panorama(box_pose, 64)
     pixels = np.zeros((64, 128), bool)
     pixels[24:40, 30:60] = True
-    return KnownQuery(panorama, (box_pose,), pixels, box.scan().positions[:, 0] < 1.0)
+    return KnownQuery(Rig.of_panorama(panorama), (box_pose,), pixels, box.scan().positions[:, 0] < 1.0)
 
 
 def _scored(query: KnownQuery, box_index: MapIndex, truthful: bool) -> Localization:

@@ -1,6 +1,7 @@
 """The fit finds the coefficients that made the data, and its held-out figures are of rows that it did not see."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +9,15 @@ import pytest
 from panoloc.core.decide.confidence import FEATURES, ConfidenceModel, RadiusModel
 from panoloc.lab.evaluation.fit_confidence import (
     features_of_row,
+    fit_alias_power,
     fit_confidence,
     fit_growing_logistic,
     fit_logistic,
+    is_far_off,
     radius_models,
 )
 from panoloc.lab.evaluation.rows import Row, RowsError
-from tests.lab.evaluation.made_rows import made_row, measures
+from tests.lab.evaluation.made_rows import made_row, searched
 
 
 def test_the_logistic_fit_recovers_the_coefficients_that_drew_the_labels() -> None:
@@ -61,7 +64,7 @@ def _rows(group: str, count: int, seed: int) -> list[Row]:
                 group=group,
                 scan=f"{group}-{number}",
                 cross=cross,
-                search={"measures": measures(value), "score": value, "runner_up_score": 0.1},
+                search=searched(value),
                 formal_position_m=0.01,
                 formal_orientation_deg=0.05,
             )
@@ -74,10 +77,11 @@ def test_the_document_is_what_the_confidence_model_reads() -> None:
     document = fitted.document
     assert set(document["coefficients"]) == set(FEATURES)
     radii = (RadiusModel(**document[name]) for name in ("position_radius", "orientation_radius"))
-    model = ConfidenceModel(*(document[name] for name in ("intercept", "coefficients", "threshold")), *radii)
+    names = "intercept", "coefficients", "alias_power", "threshold"
+    model = ConfidenceModel(*(document[name] for name in names), *radii)
 
     def probability(value: float) -> float:
-        row = made_row(search={"measures": measures(value), "score": value, "runner_up_score": 0.1})
+        row = made_row(search=searched(value))
         return model.probability(dict(zip(FEATURES, features_of_row(row), strict=True)))
 
     assert probability(0.8) > 0.9
@@ -94,9 +98,8 @@ def test_groups_are_held_out_and_separable_ones_are_told_apart() -> None:
     assert held_out.answered_right > 0.9
     # A group whose measures mislead is not saved by having been fitted.
     odd = [
-        made_row(n, (3.0, 0.01)[n % 2], group="odd", scan=f"odd-{n}", search=search)
+        made_row(n, (3.0, 0.01)[n % 2], group="odd", scan=f"odd-{n}", search=searched((0.8, 0.2)[n % 2]))
         for n in range(60)
-        for search in [{"measures": measures((0.8, 0.2)[n % 2]), "score": 0.5, "runner_up_score": 0.1}]
     ]
     misled = fit_confidence(_rows("rooms", 120, 0) + odd).held_out
     assert misled.area_under_roc is not None
@@ -104,16 +107,16 @@ def test_groups_are_held_out_and_separable_ones_are_told_apart() -> None:
 
 
 def _drawn_rows(seed: int, **facts: int) -> list[Row]:
-    """Return rows whose errors follow the curvature, the halves and the coverage, as often as not by a tenth more."""
+    """Return rows whose errors follow the curvature, the halves, the coverage and the scan, as often as not by a tenth more."""
     rng = np.random.default_rng(seed)
     rows = []
     for number in range(300):
         formal, coverage = math.exp(rng.uniform(-7, -5)), float(rng.uniform(0.05, 0.9))
-        halves = formal * math.exp(rng.uniform(0.5, 3.5))
-        error = formal**0.5 * halves**0.25 / coverage**0.3 * math.exp(rng.normal(0, 0.1)) / 3
-        found = measures(0.5) | {"halves_apart_m": halves, "halves_apart_deg": 1.0, "coverage": coverage}
+        halves, thickness = formal * math.exp(rng.uniform(0.5, 3.5)), float(rng.uniform(0.004, 0.03))
+        error = formal**0.5 * halves**0.25 / coverage**0.3 * thickness**0.4 * math.exp(rng.normal(0, 0.1))
+        found = searched(0.5, halves_apart_m=halves, halves_apart_deg=1.0, coverage=coverage, thickness_m=thickness)
         formals = {"formal_position_m": formal, "formal_orientation_deg": 0.1}
-        rows.append(made_row(number, position_m=error, search={"measures": found}, facts=facts, **formals))
+        rows.append(made_row(number, position_m=error, search=found, facts=facts, **formals))
     return rows
 
 
@@ -122,13 +125,14 @@ def test_the_radius_follows_what_errors_follow() -> None:
     assert model.formal_power == pytest.approx(0.5, abs=0.1)
     assert model.halves_power == pytest.approx(0.25, abs=0.1)
     assert model.coverage_power == pytest.approx(0.3, abs=0.1)
+    assert model.thickness_power == pytest.approx(0.4, abs=0.1)
     assert orientation.formal_power == 0  # one formal radius says nothing of how errors follow it
 
 
 def test_what_tracking_adds_to_several_images_is_no_matter_of_the_fit() -> None:
     alone = _drawn_rows(0, num_images=1)
     assert radius_models([*alone, *_drawn_rows(1, num_images=4)]) == radius_models(alone)
-    assert radius_models(_drawn_rows(0, num_images=4))[0] == RadiusModel(0.0, 1.0, 0.0, 0.0)
+    assert radius_models(_drawn_rows(0, num_images=4))[0] == RadiusModel(0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def test_the_radius_ignores_wrong_poses_and_never_falls_with_the_formal_one() -> None:
@@ -141,9 +145,7 @@ def test_the_radius_ignores_wrong_poses_and_never_falls_with_the_formal_one() ->
     assert radius_models(rows)[0].formal_power == 0
 
 
-@pytest.mark.parametrize(
-    ("search", "said"), [({}, "measures"), ({"measures": measures(0.5), "score": 1.0}, "all 4 are right")]
-)
+@pytest.mark.parametrize(("search", "said"), [({}, "measures"), (searched(0.5), "all 4 are right")])
 def test_rows_that_say_nothing_cannot_be_fitted(search: dict[str, object], said: str) -> None:
     with pytest.raises(RowsError, match=said):
         fit_confidence([made_row(n, search=search) for n in range(4)])
@@ -156,6 +158,53 @@ def test_a_sign_of_agreement_never_counts_against_an_answer() -> None:
     _, coefficients = fit_growing_logistic(features, strength > 0, regularization=1.0)
     assert coefficients[0] > 0
     assert coefficients[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("row", "far_off"),
+    [
+        (made_row(position_m=0.29), False),
+        (made_row(position_m=0.4), False),
+        (made_row(position_m=0.6), True),
+        (made_row(orientation_deg=16.0), True),
+        (made_row(position_m=None), True),
+        (made_row(cross=True), True),
+        # In one of rooms that are alike a pose is measured to where it would be in each.
+        (made_row(facts={"place": "own"}), False),
+        (made_row(facts={"place": "other"}), True),
+    ],
+)
+def test_far_off_is_anywhere_but_near_the_truth_in_the_room_that_was_photographed(row: Row, far_off: bool) -> None:
+    assert is_far_off(row) == far_off
+
+
+def test_ambiguous_answers_are_fitted_on_as_well() -> None:
+    rows = [*_rows("a", 60, 1), *_rows("b", 60, 2)]
+    ambiguous = [replace(row, status="ambiguous") for row in rows]
+    assert fit_confidence(ambiguous) == fit_confidence(rows)
+
+
+def test_the_power_that_divides_among_aliases_is_the_one_by_which_the_right_ones_were_drawn() -> None:
+    rng = np.random.default_rng(4)
+    rows = []
+    for number in range(4000):
+        margins = rng.uniform(-0.1, 0.5, 1 + number % 2)
+        is_own = rng.random() < 1 / (1 + np.exp(-6.0 * margins).sum())
+        search = searched(0.5) | {"alias_margins": margins.tolist()}
+        rows.append(made_row(number, search=search, facts={"place": "own" if is_own else "other"}))
+    assert fit_alias_power(rows) == pytest.approx(6.0, abs=1.0)
+    alone, together = (fit_confidence([*some, *_rows("a", 60, 1)]).document for some in ([], rows))
+    assert (alone["alias_power"], together["alias_power"]) == (0.0, fit_alias_power(rows))
+    # Which of the aliases a pose is in is no matter of the other coefficients.
+    assert together["fitted_on"]["right"] == alone["fitted_on"]["right"] + 4000
+    # Neither rooms without aliases nor poses that are in none of the rooms that are alike say anything of it.
+    silent = [
+        replace(rows[0], facts={}),
+        replace(rows[0], facts={"place": "elsewhere"}),
+        made_row(facts={"place": "own"}),
+    ]
+    assert fit_alias_power([*rows, *silent]) == fit_alias_power(rows)
+    assert fit_alias_power(silent) == 0.0
 
 
 def test_rows_that_cannot_be_fitted_are_counted_by_why() -> None:

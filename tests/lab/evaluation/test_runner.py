@@ -17,9 +17,7 @@ from panoloc.lab.evaluation.rows import Row, RowsFile
 from panoloc.lab.evaluation.runner import Evaluation, RunOptions
 from panoloc.lab.evaluation.sources import folder_scans
 
-FAST = compared_method(
-    "fast=fast:search.num_rotations=576,search.num_candidates=8,refinement.finest_height=64,refinement.fine_height=64"
-)
+FAST = compared_method("fast=fast:search.wide_rotations=576,search.num_candidates=8,refinement.fine_rows=64")
 
 
 def _evaluation(root: Path, file: Path, num_strangers: int = 0, **options: float) -> Evaluation:
@@ -61,7 +59,8 @@ def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tu
         assert row.confidence == pytest.approx(model.probability(features), abs=1e-6)
         assert row.formal_position_m is not None
         measures = row.search["measures"]
-        radius = model.position_radius.radius(row.formal_position_m, measures["halves_apart_m"], measures["coverage"])
+        names = "halves_apart_m", "coverage", "thickness_m"
+        radius = model.position_radius.radius(row.formal_position_m, *(measures[name] for name in names))
         assert row.accuracy_position_m == pytest.approx(radius)
 
 

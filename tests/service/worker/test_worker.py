@@ -18,7 +18,7 @@ import pytest
 import redis
 import torch
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Rig
 from panoloc.core.decide.pictures import encode_png
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_builder import build_map_index, index_config_digest
@@ -57,7 +57,7 @@ class MadeUpLocalizer:
     def __init__(self) -> None:
         self.calls: list[dict[str, Any]] = []
 
-    def localize(self, panorama: Panorama, maps: Sequence[MapIndex], **options: Any) -> Found:
+    def localize(self, rig: Rig, maps: Sequence[MapIndex], **options: Any) -> Found:
         self.calls.append(options)
         best = Candidate(Pose(np.eye(3), maps[0].start_positions[0]), 0, 0.9, 1.0, 0.1, "none", 10)
         search = SearchSummary("fast", len(maps), 1, 1, 1)

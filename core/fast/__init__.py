@@ -1,1 +1,0 @@
-"""The `fast` method: the order of its steps, which candidates come first, and how they are refined."""

@@ -1,0 +1,148 @@
+"""One resolution of a rig's images, to be sampled together with its derivatives where points project to.
+
+Each image has a centre of its own: the parallax between frames that a hand has moved, arm's length and more, is part of the projection.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+_MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
+_MIN_DISTANCE_M = 0.05
+_VALID_SHARE = 0.99  # of the four pixels that a sample mixes
+
+
+@dataclass(frozen=True)
+class SampledPoints:
+    """What images show where the N points of K candidates project to.
+
+    planes: (K, 9, N): colour, its derivatives by azimuth and by elevation, per radian. directions: (K, U, 2, N), derivatives of the points'
+    azimuth and elevation by a turn (rad) and a move (m) of the rig in its own frame, and by the logarithm of the focal length where
+    that is unknown too: U is 6 or 7.
+    """
+
+    planes: Tensor
+    directions: Tensor
+
+    @property
+    def color(self) -> Tensor:
+        """Return the colours (K, 3, N)."""
+        return self.planes[:, :3]
+
+    @property
+    def derivatives(self) -> Tensor:
+        """Return their derivatives by azimuth and by elevation (K, 3, 2, N) per radian."""
+        return self.planes[:, 3:].view(len(self.planes), 2, 3, -1).transpose(1, 2)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Windows of M images at `rows` to a sphere, packed below each other.
+
+    planes: (C, H, W) float32: colour (3), in a level with derivatives those by azimuth (3) and by elevation (3) per radian, validity (1).
+    places: (5, M), where each window lies: first column and row on its sphere, less the border; last column and row within the window,
+    border included; its top in the planes. rotations: (M, 3, 3) rig_from_camera; centers: (M, 3) metres.
+    """
+
+    planes: Tensor
+    rows: int
+    places: Tensor
+    rotations: Tensor
+    centers: Tensor
+
+    def sample(self, azimuth: Tensor, elevation: Tensor, image: Tensor | int) -> Tensor:
+        """Return the planes (K, C, N) at directions (K, N), radians, in the axes of the images numbered `image` (K, N), or of one of them.
+
+        Outside of an image's window validity is zero.
+        """
+        if isinstance(image, int):
+            first_column, first_row, last_column, last_row, top = self.places[:, image]
+        else:
+            first_column, first_row, last_column, last_row, top = self.places.index_select(1, image.flatten()).view(
+                5, *image.shape
+            )
+        per_rad = self.rows / math.pi
+        # In pixels from the centre of a window's top-left border pixel.
+        column = torch.minimum(((math.pi - azimuth) * per_rad - first_column).clamp_min_(0), last_column)
+        row = torch.minimum(((math.pi / 2 - elevation) * per_rad - first_row).clamp_min_(0), last_row) + top
+        height, width = self.planes.shape[1:]
+        grid = torch.stack((column * (2 / (width - 1)) - 1, row * (2 / (height - 1)) - 1), dim=-1)
+        images = self.planes.expand(len(azimuth), -1, -1, -1)
+        sampled = torch.nn.functional.grid_sample(images, grid[:, None], align_corners=True, padding_mode="border")
+        return sampled[:, :, 0]
+
+    def sample_points(
+        self,
+        points: Tensor,
+        images: Tensor | None,
+        rotations: Tensor,
+        positions: Tensor,
+        log_focal: Tensor | None = None,
+    ) -> tuple[SampledPoints, Tensor]:
+        """Sample where points (K, 3, N), each shown by the image in `images` (K, N), project to from K poses of the rig.
+
+        images: None of a rig of one. Also tell which (K, N) fall on valid pixels. log_focal: (), the logarithm of the factor by which the
+        focal length of all images is longer than that of the level; it is a seventh unknown then.
+        Paper: §3.3, the projection of Eq. 5 and its derivative.
+        """
+        inverse = rotations.transpose(1, 2)
+        in_rig = torch.baddbmm(-(inverse @ positions[..., None]), inverse, points)
+        cameras = None if images is None else self._cameras(images)
+        in_camera = self._to_camera(in_rig, cameras)
+        # A longer focal length spreads what is beside the optical axis.
+        spread = None if log_focal is None else torch.stack((torch.zeros_like(log_focal), log_focal, log_focal)).exp()
+        if spread is not None:
+            in_camera = in_camera * spread[:, None]
+        x, y, z = in_camera.unbind(1)
+        flat_square = torch.addcmul(x.square(), y, y)
+        flat = flat_square.sqrt()
+        sampled = self.sample(torch.atan2(y, x), torch.atan2(z, flat), 0 if images is None else images)
+        # ∂azimuth/∂p = (-y, x, 0) / f² and ∂elevation/∂p = (-x z / f, -y z / f, f) / d², with f² = x² + y² and d² = x² + y² + z².
+        square = torch.addcmul(flat_square, z, z).clamp_min_(_MIN_DISTANCE_M**2)
+        stable = torch.maximum(flat_square, square * _MIN_COSINE**2)
+        over = z / (flat.clamp_min(1e-6) * square)
+        by_point = torch.stack(
+            (-y / stable, x / stable, torch.zeros_like(x), -x * over, -y * over, flat / square), dim=1
+        )
+        by_point = by_point.view(len(points), 2, 3, -1)
+        by_focal = []
+        if spread is not None:
+            by_focal = [by_point[:, :, 1] * y[:, None] + by_point[:, :, 2] * z[:, None]]
+            by_point = by_point * spread[:, None]
+        by_point = self._to_rig(by_point, cameras)  # (K, 2, 3, N)
+        # A turn ω and a move τ of the rig take a point q of it to q - ω x q - τ.
+        # The cross product by_point x in_rig, plane by plane: the library's own takes several times as long along this axis.
+        (a, b, c), (x, y, z) = by_point.unbind(2), in_rig[:, None].unbind(2)
+        by_turn = (b * z - c * y, c * x - a * z, a * y - b * x)
+        directions = torch.stack((*by_turn, -a, -b, -c, *by_focal), dim=1)
+        return SampledPoints(sampled[:, :9], directions), sampled[:, 9] > _VALID_SHARE
+
+    def _cameras(self, images: Tensor) -> Tensor:
+        """Return planes (12, K, N) of the cameras that points are seen by: rotations, row by row, and centres.
+
+        Planes, because products of a small matrix for each point take several times as long.
+        """
+        table = torch.cat((self.rotations.flatten(1), self.centers), dim=1).T.contiguous()
+        return table.index_select(1, images.flatten()).view(12, *images.shape)
+
+    def _to_camera(self, in_rig: Tensor, cameras: Tensor | None) -> Tensor:
+        """Return points of the rig (K, 3, N) in the axes of their cameras."""
+        if cameras is None:
+            return self.rotations[0].T @ (in_rig - self.centers[0, :, None])
+        moved = in_rig - cameras[9:].transpose(0, 1)
+        rows = cameras[:9].view(3, 3, *cameras.shape[1:])
+        return torch.stack([_sum_of_products(rows[:, axis], moved.unbind(1)) for axis in range(3)], dim=1)
+
+    def _to_rig(self, vectors: Tensor, cameras: Tensor | None) -> Tensor:
+        """Return directions (K, 2, 3, N) in the axes of cameras in those of the rig."""
+        if cameras is None:
+            return self.rotations[0] @ vectors
+        rows = cameras[:9].view(3, 3, *cameras.shape[1:])[:, :, :, None]
+        return torch.stack([_sum_of_products(row, vectors.unbind(2)) for row in rows], dim=2)
+
+
+def _sum_of_products(first: Tensor, second: tuple[Tensor, ...]) -> Tensor:
+    """Return the sum of the products of three planes each."""
+    return (first[0] * second[0]).addcmul_(first[1], second[1]).addcmul_(first[2], second[2])

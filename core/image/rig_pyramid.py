@@ -1,0 +1,297 @@
+"""The images of a rig as windows of spheres, at several resolutions.
+
+An image is kept as the window that it fills of an equirectangular sphere around its own camera. A photo of 69 degrees fills a fourteenth of
+its sphere, and so can be kept at its own resolution; a panorama fills all of it, around the seam and over the poles.
+"""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.camera.rig import Photo, Rig
+from panoloc.core.errors import PanoramaUnusableError
+from panoloc.core.geometry.projection import pixel_solid_angles, unproject
+from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.image.image_on_sphere import small_sphere_directions
+from panoloc.core.image.label_codes import LabelCodes
+from panoloc.core.image.level import Level
+from panoloc.core.image.photo_window import PhotoOnWindow, photo_on_window
+
+_EXTENT_ROWS = 32  # of the windows that tell what images show
+_SHARE_DIRECTIONS = 8192
+_SHOWN_ROWS = 128  # of the windows whose pixels stand for what images show
+
+
+@dataclass(frozen=True)
+class Window:
+    """An image at one resolution: color (3, h, w) in 0..1, valid (h, w) 0 or 1; where it lies on a sphere of `rows` rows."""
+
+    color: Tensor
+    valid: Tensor
+    rows: int
+    first_row: int
+    first_column: int
+
+    @property
+    def is_round(self) -> bool:
+        """Return whether its last column is followed by its first."""
+        return self.valid.shape[1] == 2 * self.rows
+
+    @property
+    def has_poles(self) -> tuple[bool, bool]:
+        """Return whether its first row is around the upper pole, and its last one around the lower."""
+        return self.is_round and self.first_row == 0, self.is_round and self.first_row + len(self.valid) == self.rows
+
+    def halved(self) -> "Window":
+        """Return the window at half the rows; a pixel is valid when at least half of it is."""
+        at = self.rows // 2, self.first_row // 2, self.first_column // 2
+        if bool(self.valid.all()):
+            return Window(_halved(self.color), _halved(self.valid[None])[0], *at)
+        total, share = _halved(self.color * self.valid), _halved(self.valid[None])[0]
+        return Window(total / share.clamp_min(1e-6), (share >= 0.5).float(), *at)
+
+    def doubled(self) -> "Window":
+        """Return the window at twice the rows, its pixels enlarged."""
+        color, valid = (x.repeat_interleave(2, -1).repeat_interleave(2, -2) for x in (self.color, self.valid))
+        return Window(color, valid, 2 * self.rows, 2 * self.first_row, 2 * self.first_column)
+
+
+class Windows:
+    """All images of a rig at `rows` to a sphere, packed below each other with a border of one pixel around each.
+
+    Packed planes are (..., H, W). color: (3, H, W), valid: (H, W). tops: the first row of each window, border included.
+    """
+
+    def __init__(self, windows: list[Window], rotations: Tensor, centers: Tensor) -> None:
+        self.each, self.rows, self._rotations, self._centers = windows, windows[0].rows, rotations, centers
+        self.tops = np.cumsum([0, *(len(w.valid) + 2 for w in windows)]).tolist()
+        self.shape = self.tops[-1], max(w.valid.shape[1] for w in windows) + 2
+        self.color = self.packed([w.color * w.valid for w in windows])
+        self.valid = self.packed([w.valid for w in windows])
+
+    def packed(self, planes: list[Tensor]) -> Tensor:
+        """Return planes (..., h, w) of every window packed; what lies between windows is zero."""
+        whole = planes[0].new_zeros((*planes[0].shape[:-2], *self.shape))
+        for plane, top in zip(planes, self.tops, strict=False):
+            whole[..., top + 1 : top + 1 + plane.shape[-2], 1 : plane.shape[-1] + 1] = plane
+        return whole
+
+    def inside(self, packed: Tensor) -> list[Tensor]:
+        """Return the planes (..., h, w) of every window of packed ones."""
+        sizes = (w.valid.shape for w in self.each)
+        return [packed[..., top + 1 : top + 1 + h, 1 : w + 1] for (h, w), top in zip(sizes, self.tops, strict=False)]
+
+    @cached_property
+    def solid_angles(self) -> Tensor:
+        """Return the solid angle (H, W) of each pixel, valid or not."""
+        solid = pixel_solid_angles(self.rows, 2 * self.rows, self.valid.device)
+        return self.packed(
+            [solid[w.first_row : w.first_row + len(w.valid)].expand(w.valid.shape).contiguous() for w in self.each]
+        )
+
+    @cached_property
+    def weights(self) -> Tensor:
+        """Return the solid angle (H, W) of each pixel, zero where it is not valid."""
+        return self.solid_angles * self.valid
+
+    @cached_property
+    def image(self) -> Tensor:
+        """Return the number (H, W) int64 of the image that each pixel is of."""
+        heights = torch.tensor([len(w.valid) + 2 for w in self.each], device=self.valid.device)
+        rows = torch.arange(len(self.each), device=self.valid.device).repeat_interleave(heights)
+        return rows[:, None].expand(self.shape)
+
+    @cached_property
+    def directions(self) -> Tensor:
+        """Return the direction (H, W, 3) of each pixel in its camera's axes."""
+        found = self.valid.new_zeros((*self.shape, 3))
+        for window, top in zip(self.each, self.tops, strict=False):
+            (h, w), device = window.valid.shape, self.valid.device
+            v, u = torch.meshgrid(
+                torch.arange(window.first_row, window.first_row + h, device=device) + 0.5,
+                torch.arange(window.first_column, window.first_column + w, device=device) + 0.5,
+                indexing="ij",
+            )
+            found[top + 1 : top + 1 + h, 1 : w + 1] = unproject(u, v, self.rows, 2 * self.rows)
+        return found
+
+    @cached_property
+    def rig_directions(self) -> Tensor:
+        """Return the direction (H, W, 3) of each pixel in the axes of the rig."""
+        if len(self.each) == 1:
+            return self.directions @ self._rotations[0].T
+        return torch.einsum("hwab,hwb->hwa", self._rotations[self.image], self.directions)
+
+    def level(self, color: Tensor, with_derivatives: bool = True) -> Level:
+        """Return the level of other packed colours (3, H, W) of the same windows.
+
+        At the edge of what is valid the derivative is unknown, not that towards a black pixel. A window of a full turn goes on around its
+        seam, and over the poles that it has.
+        """
+        if not with_derivatives:
+            planes = torch.cat((color, self.valid[None]))
+            self.continue_around(planes)
+        else:
+            planes = color.new_zeros((10, *self.shape))
+            planes[:3], planes[9] = color, self.valid
+            self.continue_around(planes)
+            color, seen, per_rad = planes[:3], planes[9], self.rows / (2 * math.pi)
+            # Columns run against the azimuth, rows against the elevation.
+            across, down = seen[:, 2:] * seen[:, :-2] * per_rad, seen[2:] * seen[:-2] * per_rad
+            torch.mul(color[:, :, :-2] - color[:, :, 2:], across, out=planes[3:6, :, 1:-1])
+            torch.mul(color[:, :-2] - color[:, 2:], down, out=planes[6:9, 1:-1])
+            self.continue_around(planes[3:6])
+            self.continue_around(planes[6:9], turns_over_poles=True)
+        return Level(planes, self.rows, self._places, self._rotations, self._centers)
+
+    @cached_property
+    def _places(self) -> Tensor:
+        places = [
+            (w.first_column - 0.5, w.first_row - 0.5, w.valid.shape[1] + 1, len(w.valid) + 1, top)
+            for w, top in zip(self.each, self.tops, strict=False)
+        ]
+        return torch.tensor(places, dtype=torch.float32, device=self.valid.device).T.contiguous()
+
+    def continue_around(self, planes: Tensor, turns_over_poles: bool = False) -> None:
+        """Let the borders of full turns in packed planes (C, H, W) continue them, in place.
+
+        turns_over_poles: planes are derivatives by elevation, which falls again beyond a pole.
+        """
+        for window, top in zip(self.each, self.tops, strict=False):
+            if not window.is_round:
+                continue
+            height, width = window.valid.shape
+            bordered = planes[:, top : top + height + 2, : width + 2]
+            for has_pole, border, row in zip(window.has_poles, (0, -1), (1, -2), strict=True):
+                if has_pole:
+                    beyond = torch.roll(bordered[:, row, 1:-1], window.rows, dims=-1)
+                    bordered[:, border, 1:-1] = -beyond if turns_over_poles else beyond
+            bordered[..., 0], bordered[..., -1] = bordered[..., -2], bordered[..., 1]
+
+
+class RigPyramid:
+    """The images of a rig in its axes: those of the session, from the middle of the cameras.
+
+    rotations: (M, 3, 3) rig_from_camera. centers: (M, 3), metres. cones: (M,) half the opening angle around each optical axis that
+    holds all of the image, radians. Raises PanoramaUnusableError where nothing of any image is left once it is made small.
+    """
+
+    def __init__(self, rig: Rig, max_rows: int, labels: LabelCodes | None, device: torch.device | str) -> None:
+        poses = [image.session_from_camera for image in rig.images]
+        middle = rig.session_from_rig.position
+        self.labels = labels
+        self.rotations = torch.tensor(np.stack([pose.rotation for pose in poses]), dtype=torch.float32, device=device)
+        self.centers = torch.tensor(
+            np.stack([pose.position - middle for pose in poses]), dtype=torch.float32, device=device
+        )
+        sampled = _each_sampled(list(rig.photos), max_rows, labels is not None)
+        self._levels = [{each.rows: _window(each, labels, device)} for each in sampled]
+        self.cones = torch.tensor([each.cone for each in sampled], device=device)
+        self.finest_rows = max(each.rows for each in sampled)
+        self._windows: dict[int, Windows] = {}
+        if not bool((self.windows(_EXTENT_ROWS).valid > 0).any()):
+            raise PanoramaUnusableError(
+                "image: expected contiguous visible pixels, got a mask or transparency that leaves less than half of "
+                "the pixels everywhere; mask whole regions, not single pixels"
+            )
+
+    def __len__(self) -> int:
+        return len(self._levels)
+
+    @cached_property
+    def share(self) -> float:
+        """Return the share of the sphere, 0..1, that all images together show, overlaps counted once."""
+        return float(self.sees(even_directions(_SHARE_DIRECTIONS).to(self.rotations.device)).float().mean())
+
+    def sees(self, directions: Tensor) -> Tensor:
+        """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
+        windows = self.windows(_SHOWN_ROWS)
+        level = windows.level(windows.color, with_derivatives=False)
+        seen = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
+        for number in range(len(self)):
+            x, y, z = (directions @ self.rotations[number]).T
+            sampled = level.sample(torch.atan2(y, x)[None], torch.asin(z.clamp(-1, 1))[None], number)
+            seen |= sampled[0, 3] > 0.5
+        return seen
+
+    def shown_directions(self) -> Tensor:
+        """Return directions (N, 3) in the axes of the rig that some image shows, all that it shows within a degree of one."""
+        windows = self.windows(_SHOWN_ROWS)
+        return windows.rig_directions[windows.valid > 0]
+
+    def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
+        """Tell which directions (N, 3) in the axes of the rig some image shows, or almost: within `margin`, radians."""
+        windows = self.windows(_EXTENT_ROWS)
+        if any(window.has_poles == (True, True) and bool(window.valid.all()) for window in windows.each):
+            return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
+        pixels, of = windows.rig_directions[windows.valid > 0], windows.image[windows.valid > 0]
+        reach = margin + 0.71 * math.pi / _EXTENT_ROWS  # half a pixel's diagonal
+        # Most directions are nowhere near an image: the cones around them tell these apart at once.
+        near = directions @ self.rotations[:, :, 0].T >= (self.cones + reach).clamp(max=math.pi).cos() - 1e-6
+        shown = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
+        for number in range(len(self)):
+            some = (near[:, number] & ~shown).nonzero()[:, 0]
+            if len(some) and bool((of == number).any()):
+                shown[some] = (directions[some] @ pixels[of == number].T).amax(1) >= math.cos(reach)
+        return shown
+
+    def windows(self, rows: int) -> Windows:
+        """Return all windows at `rows` to a sphere, a power of two; of an image that is coarser, its pixels enlarged."""
+        if rows not in self._windows:
+            each = [_at_rows(levels, rows) for levels in self._levels]
+            self._windows[rows] = Windows(each, self.rotations, self.centers)
+        return self._windows[rows]
+
+
+def shown_share(rig: Rig) -> float:
+    """Return about the share of the sphere, 0..1, that the images of a rig show together, overlaps counted once."""
+    row, directions = np.arange(_EXTENT_ROWS) + 0.5, small_sphere_directions(_EXTENT_ROWS)
+    shown = np.zeros(directions.shape[:2], np.bool_)
+    for image in rig.images:
+        shown |= project_to_image(image.photo.camera, directions @ image.session_from_camera.rotation)[2]
+    return float((shown * np.sin(np.pi * row / _EXTENT_ROWS)[:, None]).mean() * np.pi / 2)
+
+
+def _each_sampled(photos: list[Photo], max_rows: int, is_labels: bool) -> list[PhotoOnWindow]:
+    """Sample images beside each other; a single one in this thread."""
+
+    def sample(photo: Photo) -> PhotoOnWindow:
+        """Sample one image, with numpy alone: threads that compute with torch get teams of threads of their own."""
+        return photo_on_window(photo, max_rows, is_labels)
+
+    if len(photos) == 1:
+        return [sample(photos[0])]
+    with ThreadPoolExecutor(min(len(photos), torch.get_num_threads())) as threads:
+        return list(threads.map(sample, photos))
+
+
+def _window(sampled: PhotoOnWindow, labels: LabelCodes | None, device: torch.device | str) -> Window:
+    """Return the window of an image with canonical colours: as they are, or the codes of labels."""
+    pixels = torch.from_numpy(np.require(sampled.color, requirements=["C", "W"])).to(device)
+    inside = torch.from_numpy(np.require(sampled.seen, requirements=["C", "W"])).to(device)
+    if labels is None:
+        planes = pixels.permute(2, 0, 1).contiguous().float().div_(255)
+    else:
+        codes, known = labels.recode(pixels)
+        planes, inside = codes.permute(2, 0, 1).contiguous(), inside & known
+    return Window(planes, inside.float(), sampled.rows, sampled.first_row, sampled.first_column)
+
+
+def _at_rows(levels: dict[int, Window], rows: int) -> Window:
+    """Return an image at a resolution, made from the nearest of those known that is finer; those on the way are kept."""
+    if rows not in levels:
+        finer = min((known for known in levels if known > rows), default=None)
+        levels[rows] = _at_rows(levels, rows // 2).doubled() if finer is None else _at_rows(levels, 2 * rows).halved()
+    return levels[rows]
+
+
+def _halved(planes: Tensor) -> Tensor:
+    """Average planes (C, H, W) over squares of two pixels a side."""
+    rows = planes[:, ::2] + planes[:, 1::2]
+    return (rows[..., ::2] + rows[..., 1::2]).mul_(0.25)

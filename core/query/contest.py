@@ -1,0 +1,210 @@
+"""The poses of one query on their way through refinement and judgement: what earlier ones have come to is not worked out again.
+
+Each judgement discards poses, so that the costly steps see few of them.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from panoloc.core.camera.rig import Rig
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.accuracy import Accuracy
+from panoloc.core.decide.agreement import likeness
+from panoloc.core.decide.hypotheses import (
+    Hypothesis,
+    by_map,
+    by_score,
+    distinct,
+    merged,
+    with_aliases,
+    with_close_rival,
+    within_margin,
+)
+from panoloc.core.query.map_query import MapQuery
+from panoloc.core.query.refinement import Refinement
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.render.comparison import Comparison
+from panoloc.core.stage_clock import StageClock
+
+
+@dataclass
+class _Full:
+    """A hypothesis of the medium stage; itself refined fully and judged, and how the scan compares there; the points that it was refined
+    on; and whether all signs were measured."""
+
+    medium: Hypothesis
+    final: Hypothesis
+    comparison: Comparison
+    points: CandidatePoints
+    has_signs: bool = False
+
+
+class Contest:
+    """The poses of one query.
+
+    hypotheses: those that are left, best first. comparison: how the scan compares at the best.
+    """
+
+    def __init__(self, rig: Rig, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
+        self._rig = rig
+        self.queries, self.config, self.clock = queries, config, clock
+        self.refinement = Refinement(queries, config, clock)
+        self.hypotheses: list[Hypothesis] = []
+        self.comparison: Comparison | None = None
+        self._coarse: list[Hypothesis] = []  # by score
+        self._medium: list[Hypothesis] = []  # by score
+        self._before: list[Hypothesis] = []  # those of the medium stage, as they were before
+        self._full: list[_Full] = []
+        self._best: _Full | None = None
+        self._aliases: list[Hypothesis] = []  # where the map says that all looks as at the best
+        self._settled_aliases: list[Hypothesis] = []
+
+    def add(self, proposed: Sequence[Hypothesis]) -> None:
+        """Take poses in, refine those that may win as far as it takes, and rank all anew."""
+        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], self.config.judge.distinct)
+        self._rank()
+
+    def add_aliases(self, aliases: Sequence[Hypothesis]) -> None:
+        """Take in poses from which all of the scan looks as from the best: they go as far as it where they fit half as well."""
+        self._aliases = [self.hypotheses[0], *aliases]
+        least = self.config.judge.alias_least * self._coarse[0].score
+        self._settled_aliases = self._settle([h for h in self._refined_coarse(aliases) if h.score >= least])
+        self._rank()
+
+    @property
+    def noise(self) -> Accuracy:
+        """Return what tracking and an uncertain focal length add to the errors of the best pose.
+
+        A focal length that is a share too long puts the camera so large a share of the distance to what it shows too far away.
+        """
+        share = max(photo.focal_uncertainty for photo in self._rig.photos)
+        position_m = orientation_deg = 0.0
+        if share and self.comparison is not None:
+            seen = self.comparison.views.depth.flatten(1)[0][self.comparison.weights[0] > 0]
+            position_m = share * float(seen.median()) if len(seen) else 0.0
+        if len(self._rig.images) > 1:
+            by_position, by_orientation = self.config.judge.tracking_radii
+            position_m = math.hypot(position_m, by_position * self._rig.options.position_noise_m)
+            orientation_deg = by_orientation * self._rig.options.orientation_noise_deg
+        return Accuracy(position_m, orientation_deg)
+
+    def focal_pull(self) -> float:
+        """Return how strongly images want another focal length at the best pose."""
+        if self._best is None:
+            return 0.0
+        best, points = self._best.final, self._best.points
+        with self.clock.stage("refine"):
+            return self.refinement.focal_pull(self.queries[best.map_number], best, points)
+
+    def _refined_coarse(self, proposed: Sequence[Hypothesis]) -> list[Hypothesis]:
+        judge = self.config.judge
+        with self.clock.stage("refine"):
+            refined = self.refinement.coarse(proposed)
+        with self.clock.stage("judge"):
+            return self._judged(merged(refined, judge.merged), is_first=True)
+
+    def _rank(self) -> None:
+        """Refine the best of the coarse stage on what they see, and the best of these fully; rank them, and then all others."""
+        sizes, place = self.config.refinement, self.config.judge.place
+        self._settle(within_margin(self._coarse, sizes.medium_candidates, sizes.medium_margin, place))
+        close = with_close_rival(self._medium, sizes.fine_candidates, sizes.fine_margin, place)
+        least = self.config.judge.alias_least * max((h.score for h in self._medium), default=0.0)
+        close += [h for h in self._settled_aliases if h.score >= least and all(h is not other for other in close)]
+        self._finish(close)
+        self.hypotheses = with_aliases(self.hypotheses, self._aliases, self.config.search.elsewhere)
+
+    def _settle(self, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Refine those of the chosen that were not yet on what they see; return these, judged, by score."""
+        new = [h for h in chosen if all(h is not other for other in self._before)]
+        with self.clock.stage("refine"):
+            refined = self.refinement.medium(new)
+        with self.clock.stage("judge"):
+            allowed = [h for h in self._judged(refined) if self.queries[h.map_number].allows(h)]
+        self._before += new
+        self._medium = by_score([*self._medium, *allowed], self.config.judge.distinct)
+        return [h for h in allowed if any(h is other for other in self._medium)]
+
+    def _finish(self, chosen: Sequence[Hypothesis]) -> None:
+        """Refine poses fully; rank them, and then all others."""
+        finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
+        others = [h for h in self._medium if all(h is not other for other in chosen)]
+        if not finals:
+            self.hypotheses, self.comparison, self._best = others, None, None
+            return
+        self._best = finals[0]
+        best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, self.config.judge.place
+        with self.clock.stage("judge"):
+            known = sum(not full.final.is_near(best, place) for full in finals)
+            rivals, others = self._rivals(best, others, known)
+            compared = [(full.final, full.comparison) for full in finals[1:]]
+            compared += [self.queries[h.map_number].judge_alone(h) for h in rivals]
+            beside = [self._beside((best, self.comparison), *each) for each in compared]
+        elsewhere = [h for h in beside if not h.is_near(best, place)]
+        # The rest was judged on smaller renderings, where scores are larger: none of it is better than what came before it.
+        least = min((h.score for h in elsewhere), default=math.inf)
+        others = [replace(h, score=min(h.score, least)) for h in others]
+        self.hypotheses = [best, *beside, *others]
+
+    def _with_signs(self, full: _Full) -> Hypothesis:
+        """Return a hypothesis with what is measured of the best one alone, and only once: how far apart the halves of the images end from
+        there; and how exact the scan is."""
+        if not full.has_signs:
+            query = self.queries[full.final.map_number]
+            with self.clock.stage("refine"):
+                full.final = self.refinement.with_halves(query, full.final, full.points)
+            thickness = {"thickness_m": query.index.surface_thickness_m}
+            full.final = replace(full.final, measures=full.final.measures | thickness)
+            full.has_signs = True
+        return full.final
+
+    def _refined_fully(self, chosen: Sequence[Hypothesis]) -> list[_Full]:
+        """Return poses refined at full resolution and judged; each only once in a query."""
+        finals = []
+        for hypothesis in chosen:
+            query = self.queries[hypothesis.map_number]
+            known = next((full for full in self._full if full.medium is hypothesis), None)
+            if known is None:
+                with self.clock.stage("refine"):
+                    refined, points = self.refinement.fine(query, hypothesis)
+                with self.clock.stage("judge"):
+                    known = _Full(hypothesis, *query.judge_alone(refined), points)
+                self._full.append(known)
+            if query.allows(known.final):
+                finals.append(known)
+        return finals
+
+    def _judged(self, hypotheses: Sequence[Hypothesis], is_first: bool = False) -> list[Hypothesis]:
+        """Return hypotheses by falling score, one for each pose; is_first: of all candidates, on coarse renderings."""
+        judged = []
+        for number, group in by_map(hypotheses):
+            query = self.queries[number]
+            judged += query.judge(group, self.config.judge.rows * (1 if is_first else query.rig.finer))
+        return by_score(judged, self.config.judge.distinct)
+
+    def _rivals(
+        self, best: Hypothesis, others: Sequence[Hypothesis], known: int
+    ) -> tuple[list[Hypothesis], list[Hypothesis]]:
+        """Return the best of the others at places of their own, to be judged as the best was, for margins must compare like with
+        like; and the rest. known: how many such places were refined fully.
+
+        Where all others are at the best place, the best of the coarse poses that was elsewhere is the rival: how far it is behind says how
+        sure the answer is, although it was not refined further.
+        """
+        place, count = self.config.judge.place, max(0, self.config.judge.rivals - known)
+        elsewhere = distinct([h for h in others if not h.is_near(best, place)], place)
+        if not elsewhere and known == 0:
+            return [h for h in self._coarse if not h.is_near(best, place)][:1], list(others)
+        rivals = elsewhere[:count]
+        return rivals, [h for h in others if all(h is not rival for rival in rivals)]
+
+    def _beside(
+        self, best: tuple[Hypothesis, Comparison], hypothesis: Hypothesis, comparison: Comparison
+    ) -> Hypothesis:
+        """Return a hypothesis with how much what images would show there is like what they would show at the best; what is near the best
+        looks like it in any case, which says nothing."""
+        rig = self.queries[hypothesis.map_number].rig
+        if rig is not self.queries[best[0].map_number].rig or hypothesis.is_near(best[0], self.config.search.elsewhere):
+            return hypothesis
+        patch_deg = self.config.judge.patch_deg / rig.finer
+        return replace(hypothesis, likeness=likeness(comparison, best[1], self.config.judge, rig.share, patch_deg))

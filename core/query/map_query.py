@@ -1,0 +1,163 @@
+"""One map of a query: what it asks of poses there, and how they are rendered, judged and aligned."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from panoloc.core.camera.rig import Rig
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.agreement import agreement, with_agreement
+from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses
+from panoloc.core.features.line_hold import LineHold
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.options import Hints
+from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.refine.aligned_points import (
+    StartViews,
+    points_seen_from_poses,
+    points_seen_from_starts,
+    views_from_starts,
+)
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.render.comparison import Comparison
+from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.synthetic_view import RENDER_BATCH
+from panoloc.core.search.line_evidence import LineEvidence
+from panoloc.core.search.map_search import MapSearch, rotations_of
+from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
+
+
+class MapQuery:
+    """One map of a query: its number among them, its index, the limits of the rig's pose in it, and the rig in its colours."""
+
+    def __init__(self, number: int, index: MapIndex, limits: PoseLimits, rig: PreparedRig) -> None:
+        self.number, self.index, self.limits, self.rig, self.config = number, index, limits, rig, rig.config
+        # The row of each start in the views, and what the starts see.
+        self._seen: tuple[dict[int, int], StartViews] | None = None
+
+    @property
+    def cloud(self) -> RenderCloud:
+        """Return the map's points, ready for rendering."""
+        return self.index.render_cloud
+
+    @cached_property
+    def lines(self) -> LineEvidence | None:
+        """Return what the edges of the images say of rotations; None where that is little, or walls are not along two axes."""
+        rig, index, sizes = self.rig, self.index, self.config.lines
+        if rig.is_wide or rig.is_labels:
+            return None
+        axes, share = index.wall_axes
+        if share < sizes.least_walls or rig.edges.count < sizes.fewest_edges:
+            return None
+        every = rotations_of(self.config.search.line_rotations, str(index.positions.device))
+        evidence = LineEvidence(rig.lines, axes, every, self.limits)
+        return evidence if evidence.contrast >= sizes.least_contrast else None
+
+    @cached_property
+    def search(self) -> MapSearch:
+        """Return the map, ready to be searched."""
+        return MapSearch(self.rig.described, self.index, self.lines, self.rig.is_wide, self.config.search)
+
+    def allows(self, hypothesis: Hypothesis) -> bool:
+        """Return whether the hints allow the pose."""
+        return self.limits.allows_pose(hypothesis.rotation, hypothesis.position)
+
+    def compare(self, group: Sequence[Hypothesis], rows: int, with_points: bool = False) -> Comparison:
+        """Render the scan at every pose, in `rows` rows to a sphere, beside what the images show."""
+        return self.rig.view.compare(self.cloud, *stacked_poses(group), rows, with_points)
+
+    def judge(self, group: Sequence[Hypothesis], rows: int) -> list[Hypothesis]:
+        """Return the hypotheses with the score and measures of renderings of `rows` rows."""
+        judged: list[Hypothesis] = []
+        for first in range(0, len(group), RENDER_BATCH):
+            part = group[first : first + RENDER_BATCH]
+            judged += self._judged(part, self.compare(part, rows))
+        return judged
+
+    def judge_alone(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Comparison]:
+        """Return one hypothesis judged on the largest rendering, and the comparison."""
+        comparison = self.compare([hypothesis], self.rig.finer * self.config.judge.final_rows)
+        return self._judged([hypothesis], comparison)[0], comparison
+
+    def _judged(self, group: Sequence[Hypothesis], comparison: Comparison) -> list[Hypothesis]:
+        """Return hypotheses with the measures of a comparison, and how well lines agree with their rotations."""
+        patch_deg = self.config.judge.patch_deg / self.rig.finer
+        agreeing = None if self.lines is None else 1 - self.lines.missed(stacked_poses(group)[0])
+        measured = agreement(comparison, self.config.judge, self.rig.share, patch_deg, agreeing)
+        return with_agreement(group, measured)
+
+    def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
+        """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""
+        sizes, rig = self.config.refinement, self.rig
+        rows, views = self._views_from(sorted({h.start for h in group}))
+        look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, sizes.coarse_patch_deg)
+        numbers = rig.numbers_of([rows[h.start] for h in group])
+        points = points_seen_from_starts(
+            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.coarse_contrast
+        )
+        return self._held(points, group, self.config.lines.hold_strengths[0])
+
+    def points_from_poses(
+        self,
+        group: Sequence[Hypothesis],
+        comparison: Comparison,
+        count: int,
+        patch_deg: float,
+        contrast: float,
+        hold: float,
+    ) -> CandidatePoints:
+        """Return `count` points that the poses compared see, in patches of `patch_deg`, held to lines as strongly as `hold`."""
+        look = self.rig.look(count, self.config.refinement.margin_deg, patch_deg)
+        points = points_seen_from_poses(self.rig.view, self.cloud, comparison, *stacked_poses(group), look, contrast)
+        return self._held(points, group, hold)
+
+    def _held(self, points: CandidatePoints, group: Sequence[Hypothesis], strength: float) -> CandidatePoints:
+        """Return points with the hold that lines have on the rotations of a group of hypotheses that they agree with."""
+        sizes, rotations = self.config.lines, stacked_poses(group)[0]
+        if self.rig.is_wide or self.rig.is_labels:
+            return points
+        strengths = torch.zeros(len(group), device=rotations.device)
+        if self.lines is not None:
+            strengths = strength * (1 - self.lines.missed(rotations) / sizes.held_within).clamp_min(0.0)
+        axes = self.index.wall_axes[0].expand(len(group), 3, 3)
+        return replace(points, lines=LineHold(self.rig.edges.some(sizes.hold_edges), axes, strengths, sizes))
+
+    def _views_from(self, starts: list[int]) -> tuple[dict[int, int], StartViews]:
+        """Return the row of each start in the views, and the views."""
+        if self._seen is None or not self._seen[0].keys() >= set(starts):
+            rows = self.config.refinement.start_view_rows
+            views = views_from_starts(self.index, self.rig.numbers_of(starts), rows)
+            self._seen = {start: row for row, start in enumerate(starts)}, views
+        return self._seen
+
+
+def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, config: LocalizerConfig) -> list[MapQuery]:
+    """Prepare a rig for each map. Raises OptionsError for hints out of range."""
+    limits = [within_reach(pose_limits(hints, index), index, config.search.reach_m) for index in maps]
+    shared: PreparedRig | None = None
+    queries = []
+    for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):
+        if index.labels is None:
+            shared = prepared = shared or PreparedRig(rig, None, index.positions.device, config)
+        else:
+            prepared = PreparedRig(rig, index.labels, index.positions.device, config)
+        queries.append(MapQuery(number, index, prepared.limits_of_rig(limit), prepared))
+    return queries
+
+
+def by_colors(
+    queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]
+) -> Iterator[tuple[PreparedRig, list[Hypothesis]]]:
+    """Yield the hypotheses, map by map, in groups whose maps share the colours of the rig."""
+    groups: dict[PreparedRig, list[Hypothesis]] = {}
+    for number, part in by_map(hypotheses):
+        groups.setdefault(queries[number].rig, []).extend(part)
+    yield from groups.items()
+
+
+def map_numbers(group: Sequence[Hypothesis], device: torch.device) -> Tensor:
+    """Return the numbers (K,) of the maps of hypotheses."""
+    return torch.tensor([h.map_number for h in group], device=device)

@@ -1,0 +1,81 @@
+"""A rig, prepared: its levels, descriptors, edges and directions, each made once for all maps that share its colours."""
+
+import math
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from panoloc.core.camera.rig import Rig
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.features.canonical import CanonicalColors
+from panoloc.core.features.line_support import LineSupport
+from panoloc.core.features.photo_edges import Edges, edges_of_photos
+from panoloc.core.image.label_codes import LabelCodes
+from panoloc.core.image.rig_pyramid import RigPyramid, shown_share
+from panoloc.core.options import MAX_SESSION_TILT_DEG
+from panoloc.core.refine.aligned_points import LookDirections, look_directions
+from panoloc.core.render.comparison import RigView
+from panoloc.core.search.described_rig import DescribedRig
+from panoloc.core.search.pose_limits import PoseLimits
+
+
+class PreparedRig:
+    """A rig in the colours of some maps.
+
+    is_wide: whether it covers so much of the sphere that patches of 22 degrees tell it apart. finer: how many times as closely it is looked
+    at as a panorama is.
+    """
+
+    def __init__(self, rig: Rig, labels: LabelCodes | None, device: torch.device, config: LocalizerConfig) -> None:
+        self.config = config
+        share = shown_share(rig)
+        self.is_wide = share >= config.search.wide_share
+        self.finer = 2 if share < config.judge.narrow_share else 1
+        self.pyramid = RigPyramid(rig, 2 * self.finer * config.refinement.fine_rows, labels, device)
+        self.share = self.pyramid.share
+        self.colors = CanonicalColors(self.pyramid)
+        self.view = RigView(self.pyramid, config.refinement.margin_deg)
+        self._up_known = rig.options.up_known
+        self._look: dict[tuple[int, float, float], LookDirections] = {}
+
+    @property
+    def is_labels(self) -> bool:
+        """Return whether colours are codes of labels."""
+        return self.pyramid.labels is not None
+
+    @property
+    def margin_deg(self) -> float:
+        """Return how far around what the images show points are aligned while poses may turn."""
+        return self.config.refinement.coarse_margin_deg * (1.0 if self.finer > 1 else 0.5)
+
+    def limits_of_rig(self, limits: PoseLimits) -> PoseLimits:
+        """Return the limits of the rig's pose where those given are of the first camera."""
+        tilt = math.radians(MAX_SESSION_TILT_DEG) if self._up_known else None
+        return limits.of_rig(self.pyramid.rotations[0], self.pyramid.centers[0], tilt)
+
+    @cached_property
+    def described(self) -> DescribedRig:
+        """Return what the images look like to the search."""
+        return DescribedRig(self.colors, self.config.search, self.config.descriptors)
+
+    @cached_property
+    def edges(self) -> Edges:
+        """Return the edges of the images."""
+        return edges_of_photos(self.pyramid, self.config.lines)
+
+    @cached_property
+    def lines(self) -> LineSupport:
+        """Return what the edges of the images say of how the rig is turned."""
+        return LineSupport(self.edges, self.config.lines)
+
+    def look(self, count: int, margin_deg: float, patch_deg: float) -> LookDirections:
+        """Return `count` directions that the images show and as many around; see `look_directions`."""
+        key = count, margin_deg, patch_deg
+        if key not in self._look:
+            self._look[key] = look_directions(self.pyramid, count, margin_deg, patch_deg)
+        return self._look[key]
+
+    def numbers_of(self, values: list[int]) -> Tensor:
+        """Return whole numbers on the device of the rig."""
+        return torch.tensor(values, device=self.pyramid.rotations.device)

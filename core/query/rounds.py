@@ -1,0 +1,138 @@
+"""The rounds of search: what gravity and lines allow, then everything, and near a pose that was found."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from panoloc.core.config import SearchConfig
+from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.map.aliases import aliases_of
+from panoloc.core.query.map_query import MapQuery
+from panoloc.core.search.candidates import MapCandidates
+from panoloc.core.search.map_search import search_maps
+from panoloc.core.search.pose_limits import PoseLimits
+
+
+@dataclass(frozen=True)
+class Round:
+    """One search of all maps of a query: the limits in each map, and whether only rotations are searched that lines agree with."""
+
+    limits: list[PoseLimits]
+    by_lines: bool
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """What a round proposes: portions of poses, best first. best_score: of the search, 0 without a pose. num_starts, num_poses: as of
+    `MapCandidates`, of all maps."""
+
+    portions: list[list[Hypothesis]]
+    best_score: float
+    num_starts: int
+    num_poses: int
+
+
+def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> list[Round]:
+    """Return the rounds that a query takes one after the other, until an answer is sure.
+
+    Where a rig covers little of the sphere, first the poses that cameras held level leave, and of these the ones that lines agree with,
+    where there are any to ask.
+    """
+    limits, tilt = [query.limits for query in queries], math.radians(config.level_tilt_deg)
+    everything = Round(limits, by_lines=False)
+    leaves_tilts = not queries[0].rig.is_wide and any(limit.leaves_tilts_beyond(tilt) for limit in limits)
+    has_lines = any(query.lines is not None for query in queries)
+    if not leaves_tilts and not has_lines:
+        return [everything]
+    level = Round([replace(limit, max_tilt=tilt) for limit in limits] if leaves_tilts else limits, has_lines)
+    return [level, Round(limits, by_lines=True), everything] if has_lines and leaves_tilts else [level, everything]
+
+
+def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) -> Proposed:
+    """Search all maps in one round."""
+    found = search_maps([query.search for query in queries], searched.limits, searched.by_lines, config)
+    best = _best(queries, found, config.num_candidates)
+    scores = [float(part.candidates.scores.max()) for part in found if len(part.candidates)]
+    return Proposed(
+        list(_portions(best, config)),
+        max(scores, default=0.0),
+        sum(part.num_starts for part in found),
+        sum(part.num_poses for part in found),
+    )
+
+
+def propose_near(query: MapQuery, found: Hypothesis, config: SearchConfig) -> list[Hypothesis]:
+    """Search a map near a pose, with as many candidates as all of the map gets.
+
+    What images show may fit nearly as well half a metre or fifteen degrees from where they were taken, above all where much has changed. Of
+    the poses there the search of the whole map proposes a few, and may miss the right one: then the wrong one seems to have no rival.
+    """
+    # Of the limits those of a distance from a point give way to the place itself: what is refined from there has to keep to them anyhow.
+    near = replace(query.limits, center=found.position, radius_m=config.near_m)
+    some = query.search.propose(
+        near, query.search.starts(near), True, config.near_candidates, config.near_distinct, found.rotation
+    )
+    return _best([query], [some], config.near_candidates)
+
+
+def aliases_of_pose(queries: Sequence[MapQuery], found: Hypothesis) -> list[Hypothesis]:
+    """Return the poses from which the maps look as from one that was found: what is stored of the start beside it, and of other maps what
+    looks as from there."""
+    own = queries[found.map_number]
+    start = int((own.index.starts - found.position).norm(dim=1).argmin())
+    off = found.position - own.index.starts[start]
+    poses = []
+    for query in queries:
+        if query is own:
+            stored = own.index.aliases.take(torch.tensor([start], device=off.device))
+            is_one = stored.starts[0] >= 0
+            starts, turns = stored.starts[0][is_one].long(), stored.turns[0][is_one]
+        elif query.rig is own.rig:
+            starts, turns = aliases_of(
+                own.index.views,
+                own.index.starts,
+                start,
+                query.index.views,
+                query.index.starts,
+                query.config.aliases,
+            )
+        else:
+            continue
+        turned = rotation_from_vector(torch.nn.functional.pad(turns[:, None], (2, 0)))
+        for number, turn in zip(starts.tolist(), turned, strict=True):
+            pose = Hypothesis(query.number, number, turn @ found.rotation, query.index.starts[number] + turn @ off)
+            if query.allows(pose):
+                poses.append(pose)
+    return poses
+
+
+def _best(queries: Sequence[MapQuery], found: Sequence[MapCandidates], count: int) -> list[Hypothesis]:
+    """Return the best `count` candidates over all maps, best first; queries and what was found in their maps go together."""
+    scored: list[tuple[float, Hypothesis]] = []
+    for query, part in zip(queries, found, strict=True):
+        some = part.candidates
+        columns = some.scores.tolist(), some.starts.tolist(), some.rotations, some.positions
+        for score, start, rotation, position in zip(*columns, strict=True):
+            scored.append((score, Hypothesis(query.number, start, rotation, position)))
+    scored.sort(key=lambda pair: -pair[0])
+    return [hypothesis for _, hypothesis in scored[:count]]
+
+
+def _portions(candidates: Sequence[Hypothesis], config: SearchConfig) -> Iterator[list[Hypothesis]]:
+    """Yield candidates, best first, in the portions that are refined one after the other, until an answer is sure.
+
+    The first has the very best, and some that are far from the best one: a room that looks the same must not be left for later, when
+    nobody asks for it any more.
+    """
+    if not candidates:
+        return
+    best, rest = list(candidates[: config.first_portion]), candidates[config.first_portion :]
+    near = sum(h.is_near(best[0], config.elsewhere) for h in best)
+    missing = max(0, config.first_elsewhere - (len(best) - near))
+    elsewhere = [h for h in rest if not h.is_near(best[0], config.elsewhere)][:missing]
+    yield best + elsewhere
+    if others := [h for h in rest if all(h is not other for other in elsewhere)]:
+        yield others

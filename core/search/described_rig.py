@@ -1,0 +1,107 @@
+"""What the images of a rig look like, as the search holds it against maps."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from panoloc.core.config import DescriptorConfig, SearchConfig
+from panoloc.core.features.canonical import CanonicalColors
+from panoloc.core.features.equalization import equalize
+from panoloc.core.features.patch_descriptors import DescribedPatches, centered_roots, pooled
+from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import soft_histograms
+from panoloc.core.image.rig_pyramid import RigPyramid
+
+_LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much
+_GOLDEN = (math.sqrt(5) - 1) / 2
+
+
+@dataclass(frozen=True)
+class RigPixels:
+    """The pixels of images at one resolution, in the axes of the rig.
+
+    directions: (S, 3), unit vectors. centers: (S, 3) metres, of the camera that each is of. colors: (S, 3) in 0..1. solid: (S,) solid
+    angles. squares: (S,) int64, the square of pixels that each is in. rows: of a sphere at that resolution.
+    """
+
+    directions: Tensor
+    centers: Tensor
+    colors: Tensor
+    solid: Tensor
+    squares: Tensor
+    rows: int
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+
+class DescribedRig:
+    """What the images look like, the same for all maps that share their colours."""
+
+    def __init__(self, colors: CanonicalColors, search: SearchConfig, config: DescriptorConfig) -> None:
+        self._pyramid, self._search, self._config = colors.pyramid, search, config
+        self._grid = PatchGrid(config.patch_rows, 2 * config.patch_rows)
+        windows = self._pyramid.windows(config.view_height)
+        seen = windows.weights > 0
+        weights = windows.weights[seen]
+        patch = self._grid.patch_of_direction(windows.rig_directions[seen])
+        parts = [colors.equalized(windows)]
+        if not colors.is_labels:
+            contrast = colors.contrast(windows)[:, seen].T[None]
+            parts.append(torch.zeros_like(windows.color))
+            parts[1][:, seen] = equalize(contrast, weights[None])[0].T
+        histograms = [
+            soft_histograms(part[:, seen].T[None], weights[None], patch[None], len(self._grid), config.bins)
+            for part in parts
+        ]
+        # A patch at the edge of an image counts as much as the image shows of it.
+        self._shown = torch.zeros(len(self._grid), device=weights.device).index_add_(0, patch, weights)
+        roots, _ = centered_roots(torch.cat(histograms, dim=-1), self._grid.solid_angles(weights.device))
+        self._roots = roots[0]
+
+    def patches(self, basis: Tensor, halvings: int = 0) -> DescribedPatches:
+        """Return the patches along a basis (B, D), taken together in squares of 2 ^ `halvings` a side."""
+        if not halvings:
+            chosen = (self._shown > _LEAST_PATCH_SHARE * self._shown.max()).nonzero()[:, 0]
+            chosen = _some_of(chosen, self._search.most_patches)
+            weights = self._shown[chosen]
+            return DescribedPatches(self._roots[chosen] @ basis, chosen, weights / weights.sum(), self._grid)
+        values, weights = (self._roots @ basis)[None], self._shown[None]
+        for _ in range(halvings):
+            values, weights = pooled(values, weights)
+        chosen = weights[0].nonzero()[:, 0]
+        kept = weights[0, chosen]
+        return DescribedPatches(values[0, chosen], chosen, kept / kept.sum(), self._grid.halved(halvings))
+
+    @cached_property
+    def pixels(self) -> RigPixels:
+        """Return the pixels at the resolution of the map's small pictures."""
+        return rig_pixels(self._pyramid, self._config.picture_height, self._search.square_pixels)
+
+    @cached_property
+    def finer_pixels(self) -> RigPixels:
+        """Return the pixels at twice that resolution."""
+        return rig_pixels(self._pyramid, 2 * self._config.picture_height, 2 * self._search.square_pixels)
+
+
+def rig_pixels(pyramid: RigPyramid, rows: int, side: int) -> RigPixels:
+    """Return the pixels of images at `rows` to a sphere, in squares of `side` pixels a side."""
+    windows = pyramid.windows(rows)
+    valid = windows.weights > 0
+    row, column = valid.nonzero(as_tuple=True)
+    image = windows.image[valid]
+    square = (image * windows.shape[0] + row // side) * windows.shape[1]
+    _, squares = torch.unique(square + column // side, return_inverse=True)
+    directions, colors = windows.rig_directions[valid], windows.color[:, valid].T.contiguous()
+    return RigPixels(directions, pyramid.centers[image], colors, windows.weights[valid], squares, rows)
+
+
+def _some_of(patches: Tensor, most: int) -> Tensor:
+    """Return at most so many of the patches (Q,), spread evenly over them: what several images show is told by some of it."""
+    if len(patches) <= most:
+        return patches
+    order = (torch.arange(len(patches), device=patches.device, dtype=torch.float64) * _GOLDEN).frac().argsort()
+    return patches[order[:most].sort().values]

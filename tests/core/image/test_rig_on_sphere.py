@@ -1,0 +1,57 @@
+"""The images of a rig on one sphere, against what a panorama shows at the same place."""
+
+import numpy as np
+
+from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.image.rig_on_sphere import rig_on_sphere
+from tests.core.built_maps import BOX, POSE
+from tests.core.image.painted_photos import SIDEWAYS, UPRIGHT, photo_of
+from tests.core.painted_box import rotation_of
+
+PLACE = np.array([0.5, -1.0, 2.0])
+
+
+def test_images_from_one_place_are_put_together_to_what_a_panorama_shows_there() -> None:
+    turns = rotation_of(10.0, 3.0), rotation_of(60.0, -10.0, 20.0), rotation_of(-100.0, 5.0)
+    images = []
+    for camera, turn in zip((UPRIGHT, SIDEWAYS, UPRIGHT), turns, strict=True):
+        photo = photo_of(camera, POSE.after(Pose(turn, np.zeros(3))))
+        images.append(RigImage(photo, Pose(turn, PLACE)))
+    sphere, pose = rig_on_sphere(Rig(tuple(images)))
+    np.testing.assert_array_equal(pose.rotation, np.eye(3))
+    np.testing.assert_allclose(pose.position, PLACE)
+    whole = BOX.panorama(POSE, len(sphere.valid))
+    off = np.abs(sphere.color[sphere.valid].astype(float) - whole.color[sphere.valid])
+    assert np.median(off) < 3
+    ahead = np.stack([turn[:, 0] for turn in turns])
+    # The middle of each image is shown, and nothing behind all of them.
+    elevation, azimuth = np.arcsin(ahead[:, 2]), np.arctan2(ahead[:, 1], ahead[:, 0])
+    rows = len(sphere.valid)
+    at = ((0.5 - elevation / np.pi) * rows).astype(int), ((1 - azimuth / np.pi) * rows).astype(int)
+    assert sphere.valid[at].all()
+    assert not sphere.valid[rows // 2, round((1 - np.radians(160) / np.pi) * rows)]
+
+
+def test_where_images_overlap_the_one_whose_middle_is_nearest_is_shown() -> None:
+    images = []
+    for value, yaw in ((40, 20.0), (200, -20.0)):
+        color = np.full((360, 480, 3), value, np.uint8)
+        images.append(RigImage(Photo(color, np.ones((360, 480), bool), SIDEWAYS), Pose(rotation_of(yaw), PLACE)))
+    sphere, _ = rig_on_sphere(Rig(tuple(images)))
+    rows = len(sphere.valid)
+    horizon = sphere.color[rows // 2, rows - rows // 18 : rows + rows // 18, 0]  # ten degrees to each side
+    middle = len(horizon) // 2
+    assert set(horizon[: middle - 1]) == {40}  # the left one's
+    assert set(horizon[middle + 1 :]) == {200}
+
+
+def test_a_panorama_stays_as_it_is_and_goes_along_with_a_turn_of_its_camera() -> None:
+    panorama = BOX.panorama(POSE, 64)
+    same, pose = rig_on_sphere(Rig.of_panorama(panorama))
+    np.testing.assert_array_equal(same.color, panorama.color)
+    np.testing.assert_array_equal(pose.position, np.zeros(3))
+    turned = Rig((RigImage(Photo.of_panorama(panorama), Pose(rotation_of(90.0), PLACE)),))
+    found, _ = rig_on_sphere(turned)
+    np.testing.assert_array_equal(found.color, np.roll(panorama.color, -32, axis=1))
+    assert found.valid.all()

@@ -1,0 +1,183 @@
+"""Poses on their way: nothing is worked out twice, and margins compare like with like."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+import torch
+
+from panoloc.core.camera.rig import Rig
+from panoloc.core.config import JudgeConfig, LocalizerConfig
+from panoloc.core.decide.accuracy import NO_NOISE
+from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.query.contest import Contest
+from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.stage_clock import StageClock
+from tests.core.image.painted_photos import UPRIGHT, photo_of, session_of
+
+PHOTO = Rig.of_photo(photo_of(UPRIGHT))
+SMALLER = 0.5  # what is judged on the largest rendering has half the score
+
+
+@pytest.fixture(autouse=True)
+def _comparisons_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let places look unlike."""
+    monkeypatch.setattr("panoloc.core.query.contest.likeness", lambda *given: 0.0)
+
+
+def placed(x: float, score: float) -> Hypothesis:
+    """Return a hypothesis `x` metres along an axis."""
+    return Hypothesis(0, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score)
+
+
+class Refinement:
+    """Stands for the steps of refinement: leaves poses as they are, but for what the medium stage `moves`, and counts them."""
+
+    def __init__(self, moves: dict[float, float]) -> None:
+        self.moves = moves
+        self.seen: dict[str, list[Hypothesis]] = {name: [] for name in ("coarse", "medium", "fine", "halves")}
+
+    def coarse(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        self.seen["coarse"] += hypotheses
+        return list(hypotheses)
+
+    def medium(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        self.seen["medium"] += hypotheses
+        return [self._moved(h) for h in hypotheses]
+
+    def fine(self, query: Any, hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
+        self.seen["fine"].append(hypothesis)
+        return hypothesis, SimpleNamespace(of_score=hypothesis.score)
+
+    def with_halves(self, query: Any, hypothesis: Hypothesis, points: Any) -> Hypothesis:
+        self.seen["halves"].append(hypothesis)
+        assert points.of_score == hypothesis.score / SMALLER
+        return replace(hypothesis, measures=hypothesis.measures | {"halves_apart_m": 0.01, "halves_apart_deg": 0.1})
+
+    def focal_pull(self, query: Any, hypothesis: Hypothesis, points: Any) -> float:
+        assert points.of_score == hypothesis.score / SMALLER
+        return hypothesis.score
+
+    def _moved(self, hypothesis: Hypothesis) -> Hypothesis:
+        x = round(float(hypothesis.position[0]), 3)
+        return replace(hypothesis, position=torch.tensor([self.moves[x], 0, 0])) if x in self.moves else hypothesis
+
+
+def contest_of(
+    allows: Callable[[Hypothesis], bool] = lambda hypothesis: True,
+    moves: dict[float, float] | None = None,
+    rig: Rig = PHOTO,
+    **judge: int,
+) -> tuple[Contest, dict[str, list[Hypothesis]]]:
+    """Return a contest in one map, whose judge halves scores at the end; and what each stage of refinement has seen."""
+
+    def judge_alone(hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
+        return replace(hypothesis, score=SMALLER * hypothesis.score), SimpleNamespace(of=hypothesis)
+
+    query: Any = SimpleNamespace(
+        judge=lambda group, rows: list(group),
+        judge_alone=judge_alone,
+        allows=allows,
+        limits=PoseLimits(),
+        rig=SimpleNamespace(finer=1, share=1.0),
+        index=SimpleNamespace(surface_thickness_m=0.007),
+    )
+    config = replace(LocalizerConfig(), judge=JudgeConfig(**judge))  # type: ignore[arg-type]
+    contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
+    refinement = Refinement(moves or {})
+    contest.refinement = cast(Any, refinement)
+    return contest, refinement.seen
+
+
+def found_by(contest: Contest) -> list[tuple[float, float]]:
+    """Return where the hypotheses of a contest are, and their scores, best first."""
+    return [(round(float(h.position[0]), 2), round(h.score, 3)) for h in contest.hypotheses]
+
+
+def test_what_was_refined_at_a_stage_is_not_again() -> None:
+    contest, seen = contest_of(rivals=1)
+    ranked = [placed(0.0, 1.0), placed(3.0, 0.8), placed(6.0, 0.7)]
+    contest.add(ranked[:2])
+    contest.add(ranked[2:])
+    assert seen["coarse"] == seen["medium"] == ranked
+    assert seen["fine"] == ranked[:2]
+    assert [h.score for h in seen["halves"]] == [0.5]
+    assert cast(Any, contest.comparison).of is ranked[0]
+
+
+@pytest.mark.parametrize("rivals", [1, 2, 3])
+def test_rivals_are_judged_as_the_best_is_and_what_is_not_counts_no_more_than_they(rivals: int) -> None:
+    contest, _ = contest_of(rivals=rivals)
+    ranked = [placed(3.0 * k, score) for k, score in enumerate((1.0, 0.8, 0.7, 0.66))]
+    contest.add(ranked)
+    judged = [SMALLER * h.score for h in ranked[: 1 + rivals]]
+    assert [h.score for h in contest.hypotheses] == [*judged, *[judged[-1]] * (3 - rivals)]
+
+
+def test_where_all_came_to_one_place_the_best_that_was_elsewhere_before_is_the_rival() -> None:
+    contest, _ = contest_of(moves={3.0: 0.05})
+    contest.add([placed(0.0, 1.0), placed(0.3, 0.9), placed(3.0, 0.6), placed(6.0, 0.5)])
+    assert found_by(contest) == [(0.0, 0.5), (0.3, 0.45), (3.0, 0.3)]
+
+
+def test_a_rival_that_was_refined_fully_is_not_judged_once_more_as_it_was_before() -> None:
+    contest, _ = contest_of()
+    contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
+    assert found_by(contest) == [(0.0, 0.5), (3.0, 0.45)]
+
+
+def test_what_limits_do_not_allow_is_no_answer_however_well_it_fits() -> None:
+    contest, seen = contest_of(allows=lambda h: float(h.position[0]) < 5)
+    contest.add([placed(6.0, 1.0)])
+    assert contest.hypotheses == seen["fine"] == []
+    assert contest.comparison is None
+    assert contest.focal_pull() == 0.0
+    contest.add([placed(0.0, 0.9)])
+    assert found_by(contest)[0] == (0.0, 0.45)
+    assert contest.focal_pull() == 0.45
+
+
+def test_aliases_of_the_best_go_as_far_as_it_where_they_fit_half_as_well() -> None:
+    contest, seen = contest_of()
+    contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
+    alias, unlike = placed(6.0, 0.55), placed(9.0, 0.45)
+    contest.add_aliases([alias, unlike])
+    assert any(h is alias for h in seen["fine"])
+    assert all(h is not unlike for h in seen["medium"])
+    marked = {round(float(h.position[0])): h.is_alias for h in contest.hypotheses}
+    assert marked == {0: False, 3: False, 6: True}
+
+
+# Signs and noise of the best.
+
+
+def test_of_the_best_alone_the_halves_are_measured_and_the_scan_that_it_is_in() -> None:
+    contest, _ = contest_of()
+    contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
+    best, *others = contest.hypotheses
+    assert best.measures == {"halves_apart_m": 0.01, "halves_apart_deg": 0.1, "thickness_m": 0.007}
+    assert all(other.measures == {} for other in others)
+
+
+def test_the_noise_of_a_photo_is_the_share_of_its_focal_length_times_the_distance_to_what_it_shows() -> None:
+    assert contest_of()[0].noise == NO_NOISE
+    unsure = Rig.of_photo(replace(PHOTO.photos[0], focal_uncertainty=0.02))
+    contest, _ = contest_of(rig=unsure)
+    assert contest.noise == NO_NOISE  # of no pose
+    depth, weights = torch.tensor([[[1.0, 2.0, 3.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 0, 0, 0]])
+    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=depth), weights=weights))
+    assert contest.noise.position_m == pytest.approx(0.02 * 2.0)
+    assert contest.noise.orientation_deg == 0.0
+    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=depth), weights=0 * weights))
+    assert contest.noise == NO_NOISE
+
+
+def test_the_noise_of_several_images_is_that_of_their_tracking() -> None:
+    session = session_of()
+    options = replace(session.options, position_noise_m=0.04, orientation_noise_deg=2.0)
+    contest, _ = contest_of(rig=replace(session, options=options))
+    by_position, by_orientation = contest.config.judge.tracking_radii
+    assert contest.noise.position_m == pytest.approx(0.04 * by_position)
+    assert contest.noise.orientation_deg == pytest.approx(2.0 * by_orientation)

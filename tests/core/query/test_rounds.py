@@ -1,0 +1,120 @@
+"""The rounds of search: what is searched first, what is looked at first, and what else looks like a pose that was found."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from panoloc.core.camera.rig import Rig
+from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.geometry.rotations import rotation_angle
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.options import Hints
+from panoloc.core.query.map_query import MapQuery, prepare_queries
+from panoloc.core.query.rounds import aliases_of_pose, propose, propose_near, rounds_of
+from tests.core.built_maps import AS_LABELS, BOX, LABELLED, OTHER_BOX, POSE, SYMMETRIC, TWIN, map_of, tensors_of
+from tests.core.image.painted_photos import UPRIGHT, photo_of
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.search.found_candidates import CONFIG, query
+
+pytestmark = pytest.mark.slow
+SEARCH = CONFIG.search
+_ROTATION, _POSITION = tensors_of(POSE)
+FOUND = Hypothesis(0, 0, _ROTATION[0], _POSITION[0])
+
+
+def queries_of(*maps: MapIndex, hints: Hints | None = None) -> list[MapQuery]:
+    return prepare_queries(Rig.of_photo(photo_of(UPRIGHT)), maps, hints, CONFIG)
+
+
+def pose_of(hypothesis: Hypothesis) -> Pose:
+    return Pose(hypothesis.rotation.double().numpy(), hypothesis.position.double().numpy())
+
+
+@pytest.mark.parametrize(
+    ("labels", "most_tilt_deg", "by_lines", "is_level_first"),
+    [
+        (False, None, [True, True, False], True),
+        (False, 10.0, [True, False], False),  # narrower than level poses as they are
+        (True, None, [False, False], True),  # labels have no lines to ask
+        (True, 10.0, [False], False),
+    ],
+)
+def test_photos_that_may_be_tilted_are_searched_level_first_and_by_lines_before_all_is_searched(
+    labels: bool, most_tilt_deg: float | None, by_lines: list[bool], is_level_first: bool
+) -> None:
+    index = map_of(LABELLED, AS_LABELS) if labels else map_of(OTHER_BOX)
+    (photo,) = queries_of(index, hints=Hints(max_tilt_deg=most_tilt_deg) if most_tilt_deg else None)
+    rounds = rounds_of([photo], SEARCH)
+    assert [each.by_lines for each in rounds] == by_lines
+    level = replace(photo.limits, max_tilt=math.radians(SEARCH.level_tilt_deg))
+    assert rounds[0].limits == [level if is_level_first else photo.limits]
+    assert all(each.limits == [photo.limits] for each in rounds[1:])
+
+
+def test_panoramas_are_searched_at_once() -> None:
+    assert [each.by_lines for each in rounds_of([query("panorama")], SEARCH)] == [False]
+
+
+def test_the_best_are_looked_at_first_with_some_far_from_the_very_best() -> None:
+    searched = propose([query("one photo")], rounds_of([query("one photo")], SEARCH)[0], SEARCH)
+    first, rest = searched.portions
+    assert len(first) + len(rest) <= SEARCH.num_candidates
+    assert all(h is not other for h in first for other in rest)
+    far = [h for h in first if not h.is_near(first[0], SEARCH.elsewhere)]
+    assert SEARCH.first_elsewhere <= len(far)
+    assert SEARCH.first_portion <= len(first) <= SEARCH.first_portion + SEARCH.first_elsewhere
+
+
+def test_near_a_guess_the_right_pose_is_proposed_and_nothing_far_from_the_guess() -> None:
+    guess = Pose(rotation_of(112.0), np.array([2.2, 2.1, 1.5]))
+    rotation, position = (each[0] for each in tensors_of(guess))
+    found = propose_near(query("one photo"), Hypothesis(0, 0, rotation, position), SEARCH)
+    assert 4 < len(found) <= SEARCH.near_candidates
+    assert any(pose_error(pose_of(h), POSE).within(0.6, 12.0) for h in found[:3])
+    starts = map_of(BOX).starts[[h.start for h in found]]
+    assert float((starts - position).norm(dim=1).max()) <= SEARCH.near_m + SEARCH.margin_m + 1e-5
+    angles = rotation_angle(torch.stack([h.rotation for h in found]), rotation)
+    assert float(angles.max()) <= math.radians(SEARCH.near_deg)
+
+
+# Aliases.
+
+
+def test_the_other_side_of_a_symmetric_room_is_an_alias_and_the_place_itself_is_not() -> None:
+    found = aliases_of_pose(queries_of(map_of(SYMMETRIC)), FOUND)
+    assert 0 < len(found) <= CONFIG.aliases.most
+    assert pose_error(pose_of(found[0]), TWIN).within(0.75, 15.0)
+    assert not any(pose_error(pose_of(h), POSE).within(1.0, 45.0) for h in found)
+
+
+def test_a_room_that_looks_like_no_other_has_no_aliases() -> None:
+    assert aliases_of_pose(queries_of(map_of(OTHER_BOX)), FOUND) == []
+    found = aliases_of_pose(queries_of(map_of(SYMMETRIC), map_of(OTHER_BOX)), FOUND)
+    assert {h.map_number for h in found} == {0}
+
+
+@pytest.mark.parametrize(("box", "least", "most"), [(SYMMETRIC, 1.0, 1.0), (BOX, 0.0, 0.03), (OTHER_BOX, 0.0, 0.03)])
+def test_hardly_a_start_of_a_plain_room_has_aliases_and_every_one_of_a_symmetric_room(
+    box: PaintedBox, least: float, most: float
+) -> None:
+    # The view along a wall hardly changes over the metre and a half from which on places are others.
+    share = float((map_of(box).aliases.starts >= 0).any(1).float().mean())
+    assert least <= share <= most
+
+
+def test_the_same_room_in_another_map_is_an_alias_on_both_sides() -> None:
+    index = map_of(SYMMETRIC)
+    again = replace(index, views=replace(index.views))  # registered a second time
+    found = [h for h in aliases_of_pose(queries_of(index, again), FOUND) if h.map_number == 1]
+    for pose in (POSE, TWIN):
+        assert any(pose_error(pose_of(h), pose).within(0.75, 15.0) for h in found)
+
+
+def test_no_alias_is_beyond_the_hints() -> None:
+    heading = math.degrees(POSE.yaw_pitch_roll[0])
+    hints = Hints(heading_deg=heading, heading_tolerance_deg=40.0)
+    assert aliases_of_pose(queries_of(map_of(SYMMETRIC), hints=hints), FOUND) == []

@@ -1,0 +1,280 @@
+"""Steps patch by patch: what is minimized, how far they go, light and votes of patches, halves refined apart, and sums over patches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from panoloc.core.config import HalvesConfig, LineConfig, RefinementConfig, StepConfig
+from panoloc.core.features.line_hold import LineHold
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
+from panoloc.core.refine.halves import halves_apart
+from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.refinement import CandidatePoints, refine
+from panoloc.core.refine.step import PoseStep, StepHistory, patch_equations, pose_step
+from tests.core.features.made_edges import edges_along
+from tests.core.other_device import DEVICE, OtherDevice
+from tests.core.refine.painted_scene import POSITION, ROTATION, scene
+
+PLAIN = RefinementConfig().step
+CPU = torch.device("cpu")
+LEVEL, POINTS = scene()
+PATCHES = POINTS.patches
+RULES = replace(PLAIN, robust_scale=2.0)
+NEAR = ((0.01, -0.02, 0.015), (0.04, 0.03, -0.02))
+
+
+def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) -> tuple[Tensor, Tensor]:
+    return ROTATION @ rotation_from_vector(torch.tensor([turn])), POSITION + torch.tensor([move]) @ ROTATION[0].T
+
+
+def step_at(
+    pose: tuple[Tensor, Tensor],
+    points: CandidatePoints = POINTS,
+    rules: StepConfig = PLAIN,
+    history: StepHistory | None = None,
+) -> PoseStep:
+    """Take a step, the first one where there is no history; that is not lengthened."""
+    begun = history or StepHistory.initial(1, rules, CPU)
+    return pose_step(LEVEL, points.planes(), *pose, begun, rules, relaxed=history is not None)
+
+
+def off_by(found: tuple[Tensor, Tensor]) -> float:
+    return float((found[1] - POSITION).norm())
+
+
+def test_at_the_true_pose_nothing_is_left_to_explain() -> None:
+    step = step_at((ROTATION, POSITION))
+    beside = step_at(moved((0.0, 0.0, 0.0), (0.1, 0.1, 0.0)))
+    assert float(step.equations.loss) < float(beside.equations.loss) / 3 < 1
+    assert float(step.history.step.norm()) < 1e-3
+
+
+def test_the_slope_is_that_of_the_contrast_that_is_not_explained() -> None:
+    pose = moved(*NEAR)
+    step = step_at(pose)
+    turn, move = step.history.step[:, :3], step.history.step[:, 3:]
+    small = 0.02
+
+    def loss_along(share: float) -> float:
+        there = pose[0] @ rotation_from_vector(share * turn), pose[1] + (pose[0] @ (share * move)[..., None])[..., 0]
+        return float(step_at(there).equations.loss)
+
+    rise = (loss_along(small) - loss_along(-small)) / (2 * small)
+    assert rise < 0
+    # Derivatives of a picture are over two of its pixels, which makes them smaller where it is sharp.
+    assert float(step.history.slope / step.equations.mass) == pytest.approx(rise, rel=0.2)
+
+
+def test_equations_are_those_in_which_each_patch_has_offsets_and_a_gain_as_further_unknowns() -> None:
+    pose = moved(*NEAR)
+    found = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN)
+    seen, inside = LEVEL.sample_points(POINTS.planes().positions, None, *pose)
+    weights, colors = (POINTS.weights * inside)[0].double().numpy(), POINTS.colors[0].T.double().numpy()
+    by_pose = torch.einsum("cdn,udn->ucn", seen.derivatives[0].double(), seen.directions[0].double()).numpy()
+    hessian, gradient, loss = np.zeros((6, 6)), np.zeros(6), 0.0
+    for patch in range(int(PATCHES.max()) + 1):
+        members = np.flatnonzero((PATCHES.numpy() == patch) & (weights > 0))
+        if not len(members):
+            continue
+        sides = seen.color[0].double().numpy()[:, members], colors[:, members]
+        shown, scanned = (side - side.mean(1, keepdims=True) for side in sides)
+        power_shown, power_scanned = ((side**2).sum(0).mean() + PLAIN.min_variance for side in (shown, scanned))
+        common = (shown * scanned).sum(0).mean()
+        unexplained, gain = np.sqrt(1 - common**2 / (power_shown * power_scanned)), common / power_shown
+        loss += len(members) * unexplained / weights.sum()
+        if len(members) <= 5:
+            continue  # so few have no vote
+        offsets = np.repeat(np.eye(3)[..., None], len(members), 2)
+        rows = np.concatenate((gain * by_pose[:, :, members], offsets, shown[None])).reshape(10, -1)
+        left = (gain * shown - scanned).reshape(-1)
+        # What the light of the patch would undo is projected out of the rows of the pose.
+        light = rows[6:]
+        free = rows[:6] - rows[:6] @ np.linalg.pinv(light) @ light
+        vote = 1 / (unexplained * power_scanned)
+        hessian, gradient = hessian + vote * free @ free.T, gradient + vote * free @ left
+    np.testing.assert_allclose(found.hessian[0].numpy(), hessian, rtol=2e-3, atol=1e-4 * np.abs(hessian).max())
+    np.testing.assert_allclose(found.gradient[0].numpy(), gradient, rtol=2e-3, atol=1e-4 * np.abs(gradient).max())
+    assert float(found.loss) == pytest.approx(loss, rel=1e-4)
+
+
+def test_points_that_fit_less_lose_their_vote_by_the_square_of_how_much() -> None:
+    rng = torch.Generator().manual_seed(2)
+    residual = 0.2 * torch.rand(POINTS.weights.shape, generator=rng)
+    # Before a wall of one colour nothing of what was scanned is explained.
+    plain = replace(LEVEL, planes=torch.cat((torch.full_like(LEVEL.planes[:3], 0.5), LEVEL.planes[3:])))
+    one = replace(POINTS, colors=residual[..., None].expand(-1, -1, 3), patches=torch.zeros_like(PATCHES))
+    found = patch_equations(plain, one.planes(), ROTATION, POSITION, RULES)
+    inside = POINTS.weights[0].numpy() > 0
+    left = residual[0].double().numpy()[inside]
+    square = 3 * (left - left.mean()) ** 2
+    of_variance = square / (square.mean() + RULES.min_variance)
+    votes = (1 + of_variance / (2.0**2 * np.median(of_variance))) ** -2 / (square.mean() + RULES.min_variance)
+    assert float(found.scale) == pytest.approx(np.sqrt((votes * square).mean()), rel=2e-3)
+    assert float(found.loss) == pytest.approx(1.0)
+
+
+# How far it goes.
+
+
+def test_a_step_solves_the_damped_equations_and_moves_in_the_rigs_frame() -> None:
+    rotation, position = pose = moved(*NEAR)
+    step = step_at(pose)
+    equations = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN)
+    hessian, gradient = equations.hessian[0].double(), equations.gradient[0].double()
+    expected = -torch.linalg.solve(hessian + torch.diag(PLAIN.damping * hessian.diagonal()), gradient)
+    torch.testing.assert_close(step.history.step[0].double(), expected, rtol=1e-3, atol=1e-5)
+    torch.testing.assert_close(step.rotations[0], rotation[0] @ rotation_from_vector(step.history.step[0, :3]))
+    torch.testing.assert_close(step.positions[0], position[0] + rotation[0] @ step.history.step[0, 3:])
+
+
+def test_no_step_goes_further_than_the_rules_allow() -> None:
+    pose = moved((0.05, -0.08, 0.05), (0.2, 0.1, -0.1))
+
+    def bounded(turn: float, move: float) -> Tensor:
+        return step_at(pose, rules=replace(PLAIN, max_turn_rad=turn, max_move_m=move)).history.step[0]
+
+    free, bound = bounded(9.0, 9.0), bounded(0.01, 0.02)
+    for part, limit in ((slice(0, 3), 0.01), (slice(3, 6), 0.02)):
+        assert float(free[part].norm()) > 1.5 * limit
+        torch.testing.assert_close(bound[part], free[part] * limit / free[part].norm())
+    torch.testing.assert_close(bounded(8.0, 8.0), free)
+
+
+@pytest.mark.parametrize(
+    ("slope_before", "slope_after", "length"),
+    [
+        (-1.0, -0.5, 3.0),  # half way: twice as long
+        (-1.0, -0.9, 3.0),  # hardly begun: no more than twice at once
+        (-1.0, 0.0, 1.5),  # there
+        (-1.0, 0.5, 1.0),  # beyond: two thirds of it
+        (-1.0, -1.2, 3.0),  # it became steeper
+        (0.0, 0.0, 1.5),  # the first step
+    ],
+)
+def test_steps_are_lengthened_by_what_the_last_one_fell_short(
+    slope_before: float, slope_after: float, length: float
+) -> None:
+    rules, pose = replace(PLAIN, max_relaxation=5.0, max_turn_rad=9.0, max_move_m=9.0), moved(*NEAR)
+    gradient = patch_equations(LEVEL, POINTS.planes(), *pose, rules).gradient
+    last = slope_after * gradient / gradient.square().sum()
+    history = StepHistory(last, torch.tensor([slope_before]), torch.tensor([1.5]))
+    step = step_at(pose, rules=rules, history=history)
+    torch.testing.assert_close(
+        step.history.step, length * step_at(pose, rules=rules).history.step, rtol=1e-3, atol=1e-5
+    )
+
+
+# Light, what changed, and lines.
+
+
+def test_each_patch_may_have_a_light_of_its_own() -> None:
+    rng = torch.Generator().manual_seed(5)
+    count = int(PATCHES.max()) + 1
+    gain, offset = 0.5 + torch.rand(count, 1, generator=rng), torch.rand(count, 3, generator=rng) - 0.5
+    lit = replace(POINTS, colors=POINTS.colors * gain[PATCHES] + offset[PATCHES])
+    begun = moved((0.02, -0.03, 0.02), (0.1, 0.05, -0.05))
+    found = refine(LEVEL, lit, *begun, 20, RULES)
+    assert off_by((found.rotations, found.positions)) < 0.01
+
+
+def test_what_moved_in_most_of_a_photo_drags_a_photo_of_one_light_along_but_not_patches() -> None:
+    # In two patches of three everything stands elsewhere than the scan says, each by a way of its own; and each has its lamp.
+    rng = torch.Generator().manual_seed(2)
+    count = int(PATCHES.max()) + 1
+    away = torch.randn(count, 3, generator=rng) * 0.4 * (torch.arange(count) % 3 > 0)[:, None]
+    gain = 0.4 + torch.rand(count, 1, generator=rng)
+    colors = POINTS.colors * gain[PATCHES]
+    changed = replace(POINTS, positions=POINTS.positions + away[PATCHES], colors=colors)
+    begun = moved((0.01, -0.02, 0.01), (0.06, 0.04, -0.03))
+    by_patches = refine(LEVEL, changed, *begun, 20, RULES)
+    as_a_whole = refine(LEVEL, replace(changed, patches=torch.zeros_like(PATCHES)), *begun, 20, RULES)
+    assert off_by((by_patches.rotations, by_patches.positions)) < 0.03
+    assert off_by((as_a_whole.rotations, as_a_whole.positions)) > 0.06
+
+
+def test_lines_turn_a_pose_that_colors_leave_free() -> None:
+    plain = replace(POINTS, colors=torch.full_like(POINTS.colors, 0.5))
+    turned = moved((0.03, -0.02, 0.03), (0.0, 0.0, 0.0))
+    free = refine(LEVEL, plain, *turned, 10, PLAIN)
+    edges = edges_along(ROTATION[0])  # of a map whose walls are along its axes
+    hold = LineHold(edges, torch.eye(3)[None], torch.ones(1), LineConfig())
+    held = refine(LEVEL, replace(plain, lines=hold), *turned, 10, PLAIN)
+    assert float(rotation_angle(free.rotations, ROTATION)) > np.radians(2.0)
+    assert float(rotation_angle(held.rotations, ROTATION)) < np.radians(0.4)
+
+
+def test_without_points_in_view_a_pose_stays_where_it_is() -> None:
+    nothing = replace(POINTS, weights=torch.zeros_like(POINTS.weights))
+    found = refine(LEVEL, nothing, ROTATION, POSITION, 4, RULES)
+    torch.testing.assert_close(found.positions, POSITION)
+    assert torch.isfinite(found.hessian).all()
+
+
+# Halves meet where the picture was taken, whatever has changed, and nowhere else.
+
+COLORS_ELSEWHERE = scene(seed=8)[1].colors
+
+
+def apart(points: CandidatePoints) -> tuple[float, float]:
+    """Return metres and degrees."""
+    found = halves_apart(LEVEL, points, ROTATION[0], POSITION[0], PLAIN, HalvesConfig())
+    return float(found[0]), float(torch.rad2deg(found[1]))
+
+
+def test_they_meet_at_the_true_pose() -> None:
+    distance, angle = apart(POINTS)
+    assert distance < 0.003
+    assert angle < 0.1
+
+
+def test_they_part_where_another_place_was_scanned() -> None:
+    distance, angle = apart(replace(POINTS, colors=COLORS_ELSEWHERE))
+    assert distance > 0.05 or angle > 2.0
+
+
+def test_they_meet_although_a_third_has_changed() -> None:
+    is_changed = (PATCHES % 3 == 0)[None, :, None]
+    distance, angle = apart(replace(POINTS, colors=torch.where(is_changed, COLORS_ELSEWHERE, POINTS.colors)))
+    assert distance < 0.03
+    assert angle < 1.0
+
+
+def test_halves_in_which_nothing_is_left_do_not_meet() -> None:
+    distance, angle = apart(replace(POINTS, weights=torch.zeros_like(POINTS.weights)))
+    assert distance >= 1.0
+    assert angle >= 90.0
+
+
+# Sums over patches, beside a product with who is where.
+
+
+@settings(deadline=None)
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=30), st.integers(0, 2**16))
+def test_they_are_the_product_with_who_is_where(sizes: list[int], seed: int) -> None:
+    patches = torch.repeat_interleave(torch.arange(len(sizes)), torch.tensor(sizes))
+    values = torch.randn((2, 3, len(patches)), generator=torch.Generator().manual_seed(seed))
+    sums = PatchSums(patches)
+    expected = values.double() @ torch.nn.functional.one_hot(patches).double()
+    torch.testing.assert_close(sums(values).double(), expected, rtol=1e-4, atol=1e-4)
+    # Also of planes that do not lie one after the other in memory.
+    torch.testing.assert_close(sums(values.transpose(0, 1)), sums(values).transpose(0, 1))
+    assert torch.equal(sums.spread(torch.arange(len(sizes))), patches)
+
+
+@pytest.mark.slow
+def test_another_device_adds_them_up_itself() -> None:
+    patches, values = torch.tensor([0, 0, 1, 2, 2, 2]), torch.arange(12.0).view(2, 6)
+    with torch.no_grad(), OtherDevice():
+        there = PatchSums(patches.to(DEVICE))(values.to(DEVICE))
+        assert there.device == DEVICE
+        torch.testing.assert_close(there.cpu(), torch.tensor([[1.0, 2.0, 12.0], [13.0, 8.0, 30.0]]))
+
+
+def test_points_that_do_not_follow_each_other_are_refused() -> None:
+    with pytest.raises(AssertionError, match="follow each other"):
+        PatchSums(torch.tensor([0, 1, 0]))
