@@ -12,8 +12,6 @@ class JudgeConfig:
     rows: int = 64  # of the rendering of all candidates, those of little share at twice these once they are fewer
     final_rows: int = 128
     patch_deg: float = 22.5  # of rigs that cover little half of it
-    inlier_difference: float = 0.15  # canonical colour distance at which a pixel counts half
-    brightness_bins: int = 16  # of the mutual information
     min_variance: float = 1e-4  # of canonical colours; below it contrast is noise
     min_patch_variance: float = 1e-3
     # Of the score, where lines agree with a rotation no more than with any (see `panoloc.core.features.line_support`); of ones in between,

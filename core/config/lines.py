@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LineConfig:
-    """Edges, and the lines that they are of (see `panoloc.core.lines`)."""
+    """Edges, and the lines that they are of (see `panoloc.core.features.line_support`)."""
 
     rows: int = 512  # to a sphere, at which edges are looked for
     strongest_edges: int = 2000

@@ -13,7 +13,7 @@ class PoseDistance:
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """Rounds of search (see `panoloc.core.search.rounds`). What a round looks at follows from the share of the sphere that a rig covers."""
+    """Rounds of search (see `panoloc.core.query.rounds`). What a round looks at follows from the share of the sphere that a rig covers."""
 
     # Rigs that cover at least this share are described by patches of 22 degrees, which tell them apart at a fiftieth of the cost; a first
     # pass by patches twice as large discards most starts.
@@ -76,7 +76,7 @@ class SearchConfig:
 
 @dataclass(frozen=True)
 class FieldOfViewConfig:
-    """How the field of view of a photo is found that nobody knows (see `panoloc.core.focal`). Steps:
+    """How the field of view of a photo is found that nobody knows (see `panoloc.core.query.field_of_view`). Steps:
     factors of the focal length."""
 
     search_step: float = 1.14  # the search bears focal lengths that are 7 % off
@@ -92,7 +92,7 @@ class FieldOfViewConfig:
 
 @dataclass(frozen=True)
 class CameraCheckConfig:
-    """When photos are held to contradict the focal length that they are said to have (see `panoloc.core.focal`).
+    """When photos are held to contradict the focal length that they are said to have (see `panoloc.core.query.camera_check`).
 
     How strongly they do is the logarithm of the factor by which it is off, times the root of the information that they have of it.
     """

@@ -25,15 +25,12 @@ class Agreement:
 
     correlation: mean over channels of the correlation of all pixels. patch_correlation: solid-angle mean over patches of the
     correlation inside a patch. explained: likewise, of the share of a patch's contrast that the other side explains, 0..1. score: what
-    candidates are ranked by. mutual_information: nats, of brightness. inlier_share: of the pixels, by colour. coverage: share of the
-    sphere that was compared. relative_coverage: the same of what was photographed, at most 1. lines: how well lines agree with the
-    rotation, 0..1; None where they are not asked.
+    candidates are ranked by. coverage: share of the sphere that was compared. relative_coverage: the same of what was photographed, at
+    most 1. lines: how well lines agree with the rotation, 0..1; None where they are not asked.
     """
 
     correlation: Tensor
     patch_correlation: Tensor
-    mutual_information: Tensor
-    inlier_share: Tensor
     coverage: Tensor
     relative_coverage: Tensor
     explained: Tensor
@@ -59,7 +56,6 @@ def agreement(
     again = correlation_in_patches(in_shifted_patches(sides, window, side), floor)
     inside, mass = torch.cat((first[0], again[0]), dim=1), torch.cat((first[1], again[1]), dim=1) / 2
     coverage = total[:, 0] / (4 * torch.pi)
-    distance_square = (scan - seen).square().sum(-1) / config.inlier_difference**2
     relative_coverage = (coverage / share).clamp(0, 1)
     # Of what a patch shows, in standard deviations. Where much has changed, averages of correlations reward poses at which everything
     # agrees a little; this rewards those at which something agrees.
@@ -70,8 +66,6 @@ def agreement(
     return Agreement(
         correlation(scan, seen, pixel_share, config.min_variance).mean(-1),
         (inside * mass).sum(-1),
-        _mutual_information(scan.mean(-1), seen.mean(-1), pixel_share, config.brightness_bins),
-        (pixel_share / (1 + distance_square)).sum(-1),
         coverage,
         relative_coverage,
         explained,
@@ -87,15 +81,6 @@ def likeness(here: Comparison, there: Comparison, config: JudgeConfig, share: fl
     """
     both = here.weights * (there.weights > 0)
     return float(agreement(replace(here, seen=there.scan, weights=both), config, share, patch_deg).score)
-
-
-def _mutual_information(first: Tensor, second: Tensor, share: Tensor, bins: int) -> Tensor:
-    """Return the mutual information (K,) in nats of two brightness images (K, S) in 0..1, by a joint histogram."""
-    cell = (first * bins).long().clamp(0, bins - 1) * bins + (second * bins).long().clamp(0, bins - 1)
-    joint = torch.zeros((len(first), bins * bins), device=first.device).scatter_add_(1, cell, share)
-    joint = joint.view(-1, bins, bins)
-    independent = joint.sum(2, keepdim=True) * joint.sum(1, keepdim=True)
-    return (joint * ((joint + 1e-12) / (independent + 1e-12)).log()).sum((1, 2))
 
 
 def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:

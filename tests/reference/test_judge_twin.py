@@ -53,23 +53,6 @@ def in_patches(scan: Array, seen: Array, weights: Array, height: int, side: int)
     return found
 
 
-def mutual_information(scan: Array, seen: Array, weights: Array) -> float:
-    """Return the mutual information in nats of the brightness of both, each in 16 steps."""
-    joint = np.zeros((16, 16))
-    for one, other, weight in zip(scan.mean(1), seen.mean(1), weights / weights.sum(), strict=True):
-        joint[min(int(one * 16), 15), min(int(other * 16), 15)] += weight
-    information = 0.0
-    for a, b in np.argwhere(joint > 0):
-        information += joint[a, b] * math.log(joint[a, b] / (joint[a].sum() * joint[:, b].sum()))
-    return information
-
-
-def inlier_share(scan: Array, seen: Array, weights: Array) -> float:
-    """Return the share of pixels that fit; one whose colours are 0.15 apart counts half."""
-    fits = [1 / (1 + ((a - b) @ (a - b)) / 0.15**2) for a, b in zip(scan, seen, strict=True)]
-    return float(weights @ np.array(fits) / weights.sum())
-
-
 HEIGHT, SIDE = 16, 4
 SHARE = 0.7  # of the sphere, that was photographed
 COUNT = HEIGHT * 2 * HEIGHT
@@ -103,8 +86,6 @@ def test_every_measure_agrees_with_its_definition_and_so_does_the_score() -> Non
         expected = {
             "correlation": correlation(scan, seen, weights),
             "patch_correlation": sum(share * value for value, share in inside),
-            "mutual_information": mutual_information(scan, seen, weights),
-            "inlier_share": inlier_share(scan, seen, weights),
             "coverage": weights.sum() / (4 * math.pi),
             "explained": sum(share * (1 - math.sqrt(1 - max(value, 0) ** 2)) for value, share in inside),
         }
