@@ -2,7 +2,7 @@
 
     >>> from panoloc import Localizer, Rig, build_map_index, read_panorama, read_scan
     >>> index = build_map_index(read_scan(scan_path))
-    >>> found = Localizer().localize(Rig.of_panorama(read_panorama(photo)), [index])
+    >>> found = Localizer().localize(Rig.of_panorama(read_panorama(photo_bytes)), [index])
     >>> found.status
     'localized'
     >>> found.best.pose.position.round(1)

@@ -103,7 +103,8 @@ def localize(
     described = camera_object(hfov, camera)
     if bool(panoramas) == bool(tracked) or (tracked and described) or (up_known and not tracked):
         raise typer.BadParameter(
-            "expected either images, or --session PATH, whose file describes the cameras. --up-known needs --session",
+            "expected either images, or --session PATH, whose file describes the cameras in place of --hfov and --camera. "
+            "--up-known needs --session",
             param_hint="--session",
         )
     hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)

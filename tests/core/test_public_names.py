@@ -22,7 +22,7 @@ def test_the_example_in_the_docstring_runs(tmp_path: Path) -> None:
     photo, scan_path = io.BytesIO(), tmp_path / "box.ply"
     scan_path.write_bytes(encode_ply(box.scan(12_000)))
     Image.fromarray(box.panorama(POSE).color).save(photo, "png")
-    names = {"scan_path": scan_path, "photo": photo.getvalue()}
+    names = {"scan_path": scan_path, "photo_bytes": photo.getvalue()}
     (example,) = doctest.DocTestFinder(recurse=False).find(panoloc, globs=names)
     said: list[str] = []
     failed, attempted = doctest.DocTestRunner().run(example, out=said.append)
