@@ -21,11 +21,7 @@ from panoloc.core.options import MAX_TOP_K, Hints, Method
 from panoloc.core.paper.paper_method import PaperMethod
 from panoloc.core.query.camera_check import CheckedCameras, checked_cameras
 from panoloc.core.query.engine import Engine
-from panoloc.core.query.field_of_view import (
-    bound_reached,
-    searched_range_deg,
-    with_found_camera,
-)
+from panoloc.core.query.field_of_view import bound_reached, searched_range_deg, with_found_camera
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.core.stage_clock import StageClock

@@ -56,8 +56,8 @@ def aliases_of(
     """Return the starts (A,) of a map from which it looks as another does from its start `number`, and the turns (A,) that bring one onto
     the other; equal rooms stand upright.
 
-    No place is an alias of itself, where is_same_map says that both are one map. Starts farther away than
-    `beside_m` say nothing of how a place looks from beside it.
+    own_starts: (S, 3), starts: (T, 3), metres. is_same_map: both are one map, in which no place is an alias of itself. Starts farther
+    away than `beside_m` say nothing of how a place looks from beside it.
     """
     angles = torch.arange(config.turns, device=starts.device) * (2 * math.pi / config.turns)
     is_turned = torch.minimum(angles, 2 * math.pi - angles) > math.radians(config.turned_deg)

@@ -114,7 +114,7 @@ class Engine:
         return found.status != "not_localized" and found.together >= least
 
     def _is_doubtful(self, queries: Sequence[MapQuery], contest: Contest) -> bool:
-        """Return whether a rig that shows little would be answered with the best hypothesis, but not beyond doubt."""
+        """Return whether a rig that shows little would be answered with the best hypothesis, but not for certain."""
         confidence, judge = self.confidence_of_answer(contest), self.config.judge
         if not confidence or queries[contest.hypotheses[0].map_number].rig.share > judge.narrow_share:
             return False
