@@ -107,6 +107,13 @@ def test_what_was_refined_at_a_stage_is_not_again() -> None:
     assert cast(Any, contest.comparison).of is ranked[0]
 
 
+def test_a_pose_without_a_rival_is_alone_and_nothing_elsewhere_bounds_the_others_there() -> None:
+    contest, seen = contest_of()
+    contest.add([placed(0.0, 1.0), placed(0.2, 0.9), placed(0.4, 0.8)])
+    assert len(seen["fine"]) == 2
+    assert found_by(contest) == [(0.0, 0.5), (0.2, 0.45), (0.4, 0.8)]
+
+
 @pytest.mark.parametrize("rivals", [1, 2, 3])
 def test_rivals_are_judged_as_the_best_is_and_what_is_not_counts_no_more_than_they(rivals: int) -> None:
     contest, _ = contest_of(rivals=rivals)

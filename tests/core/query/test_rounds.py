@@ -91,6 +91,15 @@ def test_the_other_side_of_a_symmetric_room_is_an_alias_and_the_place_itself_is_
     assert not any(pose_error(pose_of(h), POSE).within(1.0, 45.0) for h in found)
 
 
+def test_an_alias_is_as_far_beside_its_start_as_the_pose_beside_its_own_turned_with_it() -> None:
+    index = map_of(SYMMETRIC)
+    off = float((index.starts - FOUND.position).norm(dim=1).min())
+    (best, *_) = aliases_of_pose(queries_of(index), FOUND)
+    assert off > 0.1
+    # The starts of a symmetric room lie opposite each other.
+    assert pose_error(pose_of(best), TWIN).within(0.02, 0.5)
+
+
 def test_a_room_that_looks_like_no_other_has_no_aliases() -> None:
     assert aliases_of_pose(queries_of(map_of(OTHER_BOX)), FOUND) == []
     found = aliases_of_pose(queries_of(map_of(SYMMETRIC), map_of(OTHER_BOX)), FOUND)
