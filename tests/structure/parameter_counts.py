@@ -28,7 +28,7 @@ _NO_PARAMETERS = {
     "mathematics and rounding": (
         *("*:_PHI", "*:_PSI", "*:_GENERATORS", "*:_GOLDEN", "*:_ROUNDING", "*:_INSIDE"),
         *("core/features/patch_descriptors.py:_LEAST", "core/features/patch_descriptors.py:_ORDER"),
-        *("core/camera/lens.py:_*", "core/camera/pixel_rays.py:*"),
+        "core/camera/lens.py:_*",
     ),
     "drawn pictures": ("core/decide/pictures.py:*",),
 }

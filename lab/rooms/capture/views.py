@@ -14,10 +14,10 @@ from PIL import Image
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.pixel_rays import rays_of_pixels
 from panoloc.core.camera.rig import Photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import project, sample_bilinear
+from panoloc.lab.rooms.capture.pixel_rays import rays_of_pixels
 from panoloc.lab.rooms.capture.ray_imaging import PixelGrid, image_of
 from panoloc.lab.rooms.scenes.scene import Scene
 from panoloc.lab.rooms.scenes.surface import Hits
