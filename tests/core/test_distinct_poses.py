@@ -27,7 +27,7 @@ def literally(rotations: Tensor, positions: Tensor, groups: Tensor | None, count
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 12, 400])  # few are compared all with all, many one after the other
+@pytest.mark.parametrize("number", [1, 12, 400])
 @pytest.mark.parametrize("count", [None, 7])
 @pytest.mark.parametrize("is_grouped", [False, True])
 def test_none_is_near_one_before_it_that_was_kept(number: int, count: int | None, is_grouped: bool) -> None:
