@@ -16,15 +16,15 @@ _MAX_SIDE_PX = 65_535
 _MAX_ASPECT_ERROR = (
     0.01  # between an upload and the image that the intrinsics belong to: a row more or less of a small copy
 )
-# Degrees across that a model can show; a pinhole's image would be infinite at 180.
-_MAX_HFOV_DEG = {
+MAX_HFOV_DEG = {
     "pinhole": 170.0,
     "opencv": 170.0,
     "opencv_fisheye": 360.0,
     "cylindrical": 360.0,
     "equirectangular": 360.0,
 }
-_MOST_FOCAL_LENGTHS = 2 * math.tan(math.radians(_MAX_HFOV_DEG["pinhole"] / 2)) * 1.001  # that a pinhole's image is wide
+"""Degrees across that a model can show; a pinhole's image would be infinite at 180."""
+_MOST_FOCAL_LENGTHS = 2 * math.tan(math.radians(MAX_HFOV_DEG["pinhole"] / 2)) * 1.001  # that a pinhole's image is wide
 # Of what is searched: every step of the focal length is a search of its own.
 MIN_UNKNOWN_HFOV_DEG, MAX_UNKNOWN_HFOV_DEG = 20.0, 120.0
 # How many coefficients each model takes, in OpenCV's order.
@@ -60,7 +60,7 @@ class Camera:
                 raise OptionsError(f"{name}: expected a positive number of pixels, got {getattr(self, name)}")
         if self.model in ("pinhole", "opencv") and self.width_px / self.fx_px > _MOST_FOCAL_LENGTHS:
             raise OptionsError(
-                f"fx_px: expected an image of at most {_MAX_HFOV_DEG[self.model]:g} degrees, {self.width_px} px wide, got a focal length "
+                f"fx_px: expected an image of at most {MAX_HFOV_DEG[self.model]:g} degrees, {self.width_px} px wide, got a focal length "
                 f"of {self.fx_px:g} px; check that it is in pixels, not in millimetres or fractions of the width"
             )
         for name, side in (("cx_px", self.width_px), ("cy_px", self.height_px)):
@@ -80,7 +80,7 @@ class Camera:
     @classmethod
     def from_hfov(cls, model: CameraModel, width_px: int, height_px: int, hfov_deg: float) -> "Camera":
         """Return the camera without distortion whose image is `hfov_deg` degrees wide, with square pixels, its axis through the middle."""
-        largest = _MAX_HFOV_DEG.get(model, 360.0)
+        largest = MAX_HFOV_DEG.get(model, 360.0)
         if not 1 <= hfov_deg <= largest:  # also false for NaN
             raise OptionsError(f"hfov_deg: expected 1 to {largest:g} degrees for {model}, got {hfov_deg:g}")
         half = math.radians(hfov_deg) / 2

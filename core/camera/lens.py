@@ -11,10 +11,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.camera import MAX_HFOV_DEG, Camera
 
 Array = NDArray[np.float64]
-MAX_PINHOLE_RAD = math.radians(85)  # from the axis: beyond it a pixel of a plane shows next to nothing
+MAX_PINHOLE_RAD = math.radians(MAX_HFOV_DEG["pinhole"] / 2)  # from the axis
 _FOLD_STEPS = 2048
 _GRID = 32  # on each side of an image
 

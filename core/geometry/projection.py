@@ -10,7 +10,9 @@ here the seam wraps and rows beyond a pole continue on the opposite meridian.
 
 import math
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 
@@ -28,22 +30,18 @@ def project(points: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
     return torch.where(u >= width, u - width, u), v
 
 
-def unproject(u: Tensor, v: Tensor, height: int, width: int) -> Tensor:
-    """Return the unit viewing directions (..., 3) of pixel coordinates `u`, `v` (...): Π⁻¹."""
-    azimuth = math.pi - u * (2 * math.pi / width)
-    elevation = math.pi / 2 - v * (math.pi / height)
-    cosine = torch.cos(elevation)
-    return torch.stack((cosine * torch.cos(azimuth), cosine * torch.sin(azimuth), torch.sin(elevation)), dim=-1)
+def unproject(u: NDArray[np.floating], v: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
+    """Return the unit viewing directions (h, w, 3) of a grid of pixel coordinates, columns `u` (w,) and rows `v` (h,): Π⁻¹."""
+    azimuth, elevation = np.pi - u * (2 * np.pi / width), np.pi / 2 - v * (np.pi / height)
+    flat = np.cos(elevation)[:, None]
+    rise = np.broadcast_to(np.sin(elevation)[:, None], (len(v), len(u)))
+    return np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), rise), axis=-1)
 
 
 def pixel_directions(height: int, width: int, device: torch.device | str = "cpu") -> Tensor:
     """Return the unit viewing direction (H, W, 3) of every pixel centre."""
-    v, u = torch.meshgrid(
-        torch.arange(height, device=device, dtype=torch.float64) + 0.5,
-        torch.arange(width, device=device, dtype=torch.float64) + 0.5,
-        indexing="ij",
-    )
-    return unproject(u, v, height, width).float()
+    found = unproject(np.arange(width) + 0.5, np.arange(height) + 0.5, height, width)
+    return torch.from_numpy(found).float().to(device)
 
 
 def pixels_towards(directions: Tensor, height: int) -> Tensor:
@@ -60,19 +58,9 @@ def pixel_solid_angles(height: int, width: int, device: torch.device | str = "cp
 
 def wrap_border(image: Tensor) -> Tensor:
     """Pad (C, H, W) by one pixel on each side as the sphere continues: around the seam and over the poles."""
-    channels, height, width = image.shape
-    bordered = image.new_empty((channels, height + 2, width + 2))
-    bordered[:, 1:-1, 1:-1] = image
-    fill_border(bordered)
-    return bordered
-
-
-def fill_border(bordered: Tensor) -> None:
-    """Set the outermost pixels of (C, H + 2, W + 2), in place, to what `wrap_border` puts there."""
-    half = bordered.shape[2] // 2 - 1
-    for border, inside in ((0, 1), (-1, -2)):
-        bordered[:, border, 1:-1] = torch.roll(bordered[:, inside, 1:-1], half, dims=-1)
-    bordered[..., 0], bordered[..., -1] = bordered[..., -2], bordered[..., 1]
+    half = image.shape[2] // 2
+    rows = torch.cat((image[:, :1].roll(half, -1), image, image[:, -1:].roll(half, -1)), dim=1)
+    return torch.cat((rows[..., -1:], rows, rows[..., :1]), dim=2)
 
 
 def sample_planes(bordered: Tensor, u: Tensor, v: Tensor) -> Tensor:

@@ -7,7 +7,9 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from panoloc.core.geometry.projection import pixel_solid_angles, project, unproject
@@ -49,6 +51,11 @@ class SphereWindow:
             return SphereWindow.of_sphere(rows)
         scaled = (value * rows // self.rows for value in (self.first_row, self.first_column, self.height, self.width))
         return SphereWindow(rows, *scaled)
+
+    def grid(self) -> NDArray[np.float64]:
+        """Return the unit viewing direction (h, w, 3) of every pixel's centre."""
+        v, u = self.first_row + np.arange(self.height) + 0.5, self.first_column + np.arange(self.width) + 0.5
+        return unproject(u, v, self.rows, 2 * self.rows)
 
     def directions(self, device: torch.device) -> Tensor:
         """Return the unit viewing direction (S, 3) of every pixel's centre, row by row. Not to be changed: many share it."""
@@ -115,12 +122,7 @@ def _arc(azimuths: Tensor, elevations: Tensor, margin: float) -> tuple[float, fl
 @lru_cache(maxsize=8)
 def _directions(window: SphereWindow, device: str) -> Tensor:
     with torch.inference_mode(False):  # it outlives the query that asked for it first
-        v, u = torch.meshgrid(
-            torch.arange(window.height, device=device, dtype=torch.float64) + (window.first_row + 0.5),
-            torch.arange(window.width, device=device, dtype=torch.float64) + (window.first_column + 0.5),
-            indexing="ij",
-        )
-        return unproject(u, v, window.rows, 2 * window.rows).float().view(-1, 3)
+        return torch.from_numpy(window.grid()).float().to(device).view(-1, 3)
 
 
 @lru_cache(maxsize=8)

@@ -1,47 +1,29 @@
-"""Images of a camera sampled on a sphere around it, or on a part of one."""
+"""Images of a camera sampled in directions around it."""
 
 import math
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.camera.rig import Photo
 
 LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
 
 
-def directions_of_grid(row: NDArray[np.floating], column: NDArray[np.floating], rows: int) -> NDArray[np.float64]:
-    """Return unit directions (h, w, 3) of the pixel coordinates of a grid on a sphere of `rows` rows."""
-    elevation, azimuth = np.pi / 2 - np.pi * row / rows, np.pi - np.pi * column / rows
-    flat = np.cos(elevation)[:, None]
-    rise = np.broadcast_to(np.sin(elevation)[:, None], (len(row), len(column)))
-    return np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), rise), axis=-1)
+def image_towards(
+    photo: Photo, directions: NDArray[np.float64], rows: int, is_labels: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the colours (h, w, 3) that a photo shows in directions (h, w, 3), and where it shows them (h, w).
 
-
-def sphere_directions(rows: int) -> NDArray[np.float64]:
-    """Return the directions (rows, 2 rows, 3) of the pixel centres of a sphere."""
-    return directions_of_grid(np.arange(rows) + 0.5, np.arange(2 * rows) + 0.5, rows)
-
-
-@cache
-def small_sphere_directions(rows: int) -> NDArray[np.float64]:
-    """Return `sphere_directions` of a few rows, worked out once; not to be written to."""
-    found = sphere_directions(rows)
-    found.flags.writeable = False
-    return found
-
-
-def shrunk_image(
-    color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, rows: int
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Camera]:
-    """Average an image (h, w, 3) down so that sampling it on a sphere of `rows` rows skips no pixel; the camera goes along."""
+    rows: of a sphere as fine as the directions. A finer photo is averaged down first, so that no pixel is skipped; labels are picked.
+    """
+    color, valid, camera = photo.color, photo.valid, photo.camera
     factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / LARGEST_STEP)
-    if factor < 2:
-        return color, valid, camera
-    size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
-    small, seen = resized_image(color, valid, size)
-    return small, seen, camera.resized(*size)
+    if factor > 1 and not is_labels:  # of labels an average means nothing
+        size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
+        (color, valid), camera = resized_image(color, valid, size), camera.resized(*size)
+    return _sampled(color, valid, *project_to_image(camera, directions), nearest=is_labels)
 
 
 def resized_image(
@@ -69,7 +51,7 @@ def _averaged(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.ui
     return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
 
 
-def sample_image(
+def _sampled(
     color: NDArray[np.uint8],
     valid: NDArray[np.bool_],
     u: NDArray[np.float64],

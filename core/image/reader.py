@@ -14,7 +14,7 @@ from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription, have_one_shape
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo
+from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.errors import MaskShapeError, PanoramaUnusableError
 from panoloc.core.image.exif import camera_of_photo, rounding_share, size_when_taken
 from panoloc.core.image.gpano import MIN_HEIGHT, crop_fields, place_crop
@@ -22,10 +22,8 @@ from panoloc.core.image.image_file import color_and_alpha, decode, open_image, r
 from panoloc.core.image.image_header import IMAGE
 from panoloc.core.image.invalid_regions.finding import find_missing
 from panoloc.core.image.known_camera import cropped_error, is_full_sphere, no_camera_error, perhaps_cropped
-from panoloc.core.image.photo_window import FINEST_PX_PER_RAD, check_share, photo_on_sphere
+from panoloc.core.image.photo_window import FINEST_PX_PER_RAD, FINEST_ROWS, check_share, rig_on_sphere
 from panoloc.core.options import MAX_PIXELS
-
-_DRAFT_HEIGHT = 512  # nothing looks closer; a JPEG of twice this or more is decoded at a half, a quarter or an eighth
 
 
 def read_panorama(
@@ -36,8 +34,7 @@ def read_panorama(
     max_pixels: int = MAX_PIXELS,
 ) -> Panorama:
     """Decode a panorama, or a photo onto the sphere; arguments and errors as of `read_image`."""
-    image = read_image(data, mask, camera=camera, max_pixels=max_pixels)
-    return replace(photo_on_sphere(image.color, image.valid, image.camera), left_out=image.left_out)
+    return rig_on_sphere(Rig.of_photo(read_image(data, mask, camera=camera, max_pixels=max_pixels)))[0]
 
 
 def read_image(
@@ -74,8 +71,9 @@ def read_image(
         raise PanoramaUnusableError(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"
         )
-    _draft(image, image.size[1] // _DRAFT_HEIGHT)
-    pixels = reduced(decode(image, IMAGE), image.size[1] // _DRAFT_HEIGHT)
+    factor = image.size[1] // (FINEST_ROWS // 2)  # nothing looks at a panorama as closely as at a photo
+    _draft(image, factor)
+    pixels = reduced(decode(image, IMAGE), factor)
     if crop is None and pixels.size[0] != 2 * pixels.size[1]:  # a pixel off, or halved from an odd number of rows
         pixels = pixels.resize((2 * pixels.size[1], pixels.size[1]))
     color, valid = color_and_alpha(pixels)
@@ -91,8 +89,9 @@ def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bo
     color, valid = color_and_alpha(reduced(decode(image, IMAGE, turned=not as_stored), factor))
     camera = camera.resized(valid.shape[1], valid.shape[0])
     valid, left_out = _counting(color, _masked(valid, mask, max_pixels), valid, camera.is_whole_sphere)
-    check_share(valid, camera)
-    return Photo(color, valid, camera, left_out)
+    photo = Photo(color, valid, camera, left_out)
+    check_share(photo)
+    return photo
 
 
 def _draft(image: Image.Image, factor: int) -> None:

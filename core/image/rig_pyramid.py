@@ -13,53 +13,50 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from panoloc.core.camera.lens import project_to_image
 from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.errors import PanoramaUnusableError
-from panoloc.core.geometry.projection import pixel_solid_angles, unproject
+from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.geometry.rotations import even_directions
-from panoloc.core.image.image_on_sphere import small_sphere_directions
+from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.image.level import Level
-from panoloc.core.image.photo_window import PhotoOnWindow, photo_on_window
+from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
 
-_EXTENT_ROWS = 32  # of the windows that tell what images show
+_COARSE_ROWS = 32  # of the windows that tell roughly what images show; those of `EXTENT_ROWS` tell it
 _SHARE_DIRECTIONS = 8192
-_SHOWN_ROWS = 128  # of the windows whose pixels stand for what images show
 
 
 @dataclass(frozen=True)
 class Window:
-    """An image at one resolution: color (3, h, w) in 0..1, valid (h, w) 0 or 1; where it lies on a sphere of `rows` rows."""
+    """An image at one resolution: color (3, h, w) in 0..1, valid (h, w) 0 or 1, at a place on the sphere."""
 
     color: Tensor
     valid: Tensor
-    rows: int
-    first_row: int
-    first_column: int
+    place: SphereWindow
 
     @property
     def is_round(self) -> bool:
         """Return whether its last column is followed by its first."""
-        return self.valid.shape[1] == 2 * self.rows
+        return self.place.is_round
 
     @property
     def has_poles(self) -> tuple[bool, bool]:
         """Return whether its first row is around the upper pole, and its last one around the lower."""
-        return self.is_round and self.first_row == 0, self.is_round and self.first_row + len(self.valid) == self.rows
+        at = self.place
+        return at.is_round and at.first_row == 0, at.is_round and at.first_row + at.height == at.rows
 
     def halved(self) -> "Window":
         """Return the window at half the rows; a pixel is valid when at least half of it is."""
-        at = self.rows // 2, self.first_row // 2, self.first_column // 2
+        place = self.place.at(self.place.rows // 2)
         if bool(self.valid.all()):
-            return Window(_halved(self.color), _halved(self.valid[None])[0], *at)
+            return Window(_halved(self.color), _halved(self.valid[None])[0], place)
         total, share = _halved(self.color * self.valid), _halved(self.valid[None])[0]
-        return Window(total / share.clamp_min(1e-6), (share >= 0.5).float(), *at)
+        return Window(total / share.clamp_min(1e-6), (share >= 0.5).float(), place)
 
     def doubled(self) -> "Window":
         """Return the window at twice the rows, its pixels enlarged."""
         color, valid = (x.repeat_interleave(2, -1).repeat_interleave(2, -2) for x in (self.color, self.valid))
-        return Window(color, valid, 2 * self.rows, 2 * self.first_row, 2 * self.first_column)
+        return Window(color, valid, self.place.at(2 * self.place.rows))
 
 
 class Windows:
@@ -69,7 +66,7 @@ class Windows:
     """
 
     def __init__(self, windows: list[Window], rotations: Tensor, centers: Tensor) -> None:
-        self.each, self.rows, self._rotations, self._centers = windows, windows[0].rows, rotations, centers
+        self.each, self.rows, self._rotations, self._centers = windows, windows[0].place.rows, rotations, centers
         self.tops = np.cumsum([0, *(len(w.valid) + 2 for w in windows)]).tolist()
         self.shape = self.tops[-1], max(w.valid.shape[1] for w in windows) + 2
         self.color = self.packed([w.color * w.valid for w in windows])
@@ -91,9 +88,8 @@ class Windows:
     def solid_angles(self) -> Tensor:
         """Return the solid angle (H, W) of each pixel, valid or not."""
         solid = pixel_solid_angles(self.rows, 2 * self.rows, self.valid.device)
-        return self.packed(
-            [solid[w.first_row : w.first_row + len(w.valid)].expand(w.valid.shape).contiguous() for w in self.each]
-        )
+        rows = [solid[w.place.first_row : w.place.first_row + w.place.height] for w in self.each]
+        return self.packed([part.expand(w.valid.shape) for part, w in zip(rows, self.each, strict=True)])
 
     @cached_property
     def weights(self) -> Tensor:
@@ -110,16 +106,8 @@ class Windows:
     @cached_property
     def directions(self) -> Tensor:
         """Return the direction (H, W, 3) of each pixel in its camera's axes."""
-        found = self.valid.new_zeros((*self.shape, 3))
-        for window, top in zip(self.each, self.tops, strict=False):
-            (h, w), device = window.valid.shape, self.valid.device
-            v, u = torch.meshgrid(
-                torch.arange(window.first_row, window.first_row + h, device=device) + 0.5,
-                torch.arange(window.first_column, window.first_column + w, device=device) + 0.5,
-                indexing="ij",
-            )
-            found[top + 1 : top + 1 + h, 1 : w + 1] = unproject(u, v, self.rows, 2 * self.rows)
-        return found
+        planes = [torch.from_numpy(w.place.grid()).to(self.valid).movedim(-1, 0) for w in self.each]
+        return self.packed(planes).movedim(0, -1).contiguous()
 
     @cached_property
     def rig_directions(self) -> Tensor:
@@ -153,8 +141,8 @@ class Windows:
     @cached_property
     def _places(self) -> Tensor:
         places = [
-            (w.first_column - 0.5, w.first_row - 0.5, w.valid.shape[1] + 1, len(w.valid) + 1, top)
-            for w, top in zip(self.each, self.tops, strict=False)
+            (at.first_column - 0.5, at.first_row - 0.5, at.width + 1, at.height + 1, top)
+            for at, top in zip((w.place for w in self.each), self.tops, strict=False)
         ]
         return torch.tensor(places, dtype=torch.float32, device=self.valid.device).T.contiguous()
 
@@ -170,7 +158,7 @@ class Windows:
             bordered = planes[:, top : top + height + 2, : width + 2]
             for has_pole, border, row in zip(window.has_poles, (0, -1), (1, -2), strict=True):
                 if has_pole:
-                    beyond = torch.roll(bordered[:, row, 1:-1], window.rows, dims=-1)
+                    beyond = torch.roll(bordered[:, row, 1:-1], self.rows, dims=-1)
                     bordered[:, border, 1:-1] = -beyond if turns_over_poles else beyond
             bordered[..., 0], bordered[..., -1] = bordered[..., -2], bordered[..., 1]
 
@@ -191,11 +179,11 @@ class RigPyramid:
             np.stack([pose.position - middle for pose in poses]), dtype=torch.float32, device=device
         )
         sampled = _each_sampled(list(rig.photos), max_rows, labels is not None)
-        self._levels = [{each.rows: _window(each, labels, device)} for each in sampled]
+        self._levels = [{each.window.rows: _window(each, labels, device)} for each in sampled]
         self.cones = torch.tensor([each.cone for each in sampled], device=device)
-        self.finest_rows = max(each.rows for each in sampled)
+        self.finest_rows = max(each.window.rows for each in sampled)
         self._windows: dict[int, Windows] = {}
-        if not bool((self.windows(_EXTENT_ROWS).valid > 0).any()):
+        if not bool((self.windows(_COARSE_ROWS).valid > 0).any()):
             raise PanoramaUnusableError(
                 "image: expected contiguous visible pixels, got a mask or transparency that leaves less than half of "
                 "the pixels everywhere; mask whole regions, not single pixels"
@@ -211,7 +199,7 @@ class RigPyramid:
 
     def sees(self, directions: Tensor) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
-        windows = self.windows(_SHOWN_ROWS)
+        windows = self.windows(EXTENT_ROWS)
         level = windows.level(windows.color, with_derivatives=False)
         seen = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
         for number in range(len(self)):
@@ -222,16 +210,16 @@ class RigPyramid:
 
     def shown_directions(self) -> Tensor:
         """Return directions (N, 3) in the axes of the rig that some image shows, all that it shows within a degree of one."""
-        windows = self.windows(_SHOWN_ROWS)
+        windows = self.windows(EXTENT_ROWS)
         return windows.rig_directions[windows.valid > 0]
 
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, or almost: within `margin`, radians."""
-        windows = self.windows(_EXTENT_ROWS)
+        windows = self.windows(_COARSE_ROWS)
         if any(window.has_poles == (True, True) and bool(window.valid.all()) for window in windows.each):
             return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
         pixels, of = windows.rig_directions[windows.valid > 0], windows.image[windows.valid > 0]
-        reach = margin + 0.71 * math.pi / _EXTENT_ROWS  # half a pixel's diagonal
+        reach = margin + 0.71 * math.pi / _COARSE_ROWS  # half a pixel's diagonal
         # Most directions are nowhere near an image: the cones around them tell these apart at once.
         near = directions @ self.rotations[:, :, 0].T >= (self.cones + reach).clamp(max=math.pi).cos() - 1e-6
         shown = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
@@ -247,15 +235,6 @@ class RigPyramid:
             each = [_at_rows(levels, rows) for levels in self._levels]
             self._windows[rows] = Windows(each, self.rotations, self.centers)
         return self._windows[rows]
-
-
-def shown_share(rig: Rig) -> float:
-    """Return about the share of the sphere, 0..1, that the images of a rig show together, overlaps counted once."""
-    row, directions = np.arange(_EXTENT_ROWS) + 0.5, small_sphere_directions(_EXTENT_ROWS)
-    shown = np.zeros(directions.shape[:2], np.bool_)
-    for image in rig.images:
-        shown |= project_to_image(image.photo.camera, directions @ image.session_from_camera.rotation)[2]
-    return float((shown * np.sin(np.pi * row / _EXTENT_ROWS)[:, None]).mean() * np.pi / 2)
 
 
 def _each_sampled(photos: list[Photo], max_rows: int, is_labels: bool) -> list[PhotoOnWindow]:
@@ -280,7 +259,7 @@ def _window(sampled: PhotoOnWindow, labels: LabelCodes | None, device: torch.dev
     else:
         codes, known = labels.recode(pixels)
         planes, inside = codes.permute(2, 0, 1).contiguous(), inside & known
-    return Window(planes, inside.float(), sampled.rows, sampled.first_row, sampled.first_column)
+    return Window(planes, inside.float(), sampled.window)
 
 
 def _at_rows(levels: dict[int, Window], rows: int) -> Window:

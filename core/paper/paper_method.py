@@ -19,7 +19,7 @@ from panoloc.core.features.patch_grid import PatchGrid, rotation_table
 from panoloc.core.features.patch_histograms import hard_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.geometry.rotations import uniform_rotations
-from panoloc.core.image.rig_on_sphere import rig_on_sphere
+from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.paper.intersection import bin_major, intersection_tensor

@@ -12,7 +12,8 @@ from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.photo_edges import Edges, edges_of_photos
 from panoloc.core.image.label_codes import LabelCodes
-from panoloc.core.image.rig_pyramid import RigPyramid, shown_share
+from panoloc.core.image.photo_window import shown_share
+from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.options import MAX_SESSION_TILT_DEG
 from panoloc.core.refine.aligned_points import LookDirections, look_directions
 from panoloc.core.render.comparison import RigView

@@ -12,7 +12,7 @@ from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Rig
 from panoloc.core.errors import CoreError
 from panoloc.core.geometry.pose import Pose, PoseError, pose_error
-from panoloc.core.image.rig_on_sphere import rig_on_sphere
+from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.options import Hints, IndexOptions
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.evaluation.rows import WRONG

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Rig
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.image.rig_on_sphere import rig_on_sphere
+from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.options import ColorKind, Hints
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look

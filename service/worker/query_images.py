@@ -14,8 +14,8 @@ from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.errors import OptionsError, PanoramaTooLargeError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.image_header import numbered
+from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.image.reader import read_image
-from panoloc.core.image.rig_on_sphere import rig_on_sphere
 from panoloc.core.options import Frame, SessionOptions, TrackedPose
 from panoloc.core.results import Localization
 from panoloc.service.jobs import QueryImage

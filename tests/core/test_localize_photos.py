@@ -12,7 +12,7 @@ from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Rig, RigImage
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.image.photo_window import photo_on_sphere
+from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.localizer import Localizer, why_nothing_fits
 from panoloc.core.options import DEFAULT_TILT_DEG, MAX_SESSION_TILT_DEG, Hints
 from panoloc.core.results import Localization
@@ -92,7 +92,7 @@ def test_a_photo_is_found_where_it_was_taken_and_is_its_own_session() -> None:
 
 def test_a_photo_is_found_as_a_masked_sphere_and_a_narrower_one_with_a_hint() -> None:
     photo = photo_of(WIDE)
-    assert_found(localized(photo_on_sphere(photo.color, photo.valid, photo.camera)), POSE, 0.1, 5.0)
+    assert_found(localized(rig_on_sphere(Rig.of_photo(photo))[0]), POSE, 0.1, 5.0)
     narrow = photo_of(Camera.from_hfov("pinhole", 640, 480, 75.0))
     assert_found(localized(narrow, hints=Hints(upright=True)), POSE, 0.1, 5.0)
 
@@ -132,7 +132,7 @@ def test_what_has_changed_is_told_in_the_axes_of_the_photo() -> None:
     assert scores is not None
     assert points is not None
     told = ~np.isnan(scores)
-    shown = photo_on_sphere(photo.color, photo.valid, photo.camera).valid
+    shown = rig_on_sphere(Rig.of_photo(photo))[0].valid
     shown = shown[:: len(shown) // len(told), :: len(shown) // len(told)]
     assert (told & shown).sum() > 0.95 * told.sum() > 0.9 * 0.95 * shown.sum()
     assert np.nanmedian(scores) > 0.8

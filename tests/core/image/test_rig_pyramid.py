@@ -13,8 +13,10 @@ from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.errors import PanoramaUnusableError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.label_codes import LabelCodes
-from panoloc.core.image.rig_pyramid import RigPyramid, Window, Windows, shown_share
+from panoloc.core.image.photo_window import shown_share
+from panoloc.core.image.rig_pyramid import RigPyramid, Window, Windows
 from tests.core.painted_box import rotation_of
 
 CAMERA = Camera.from_hfov("pinhole", 640, 480, 69.0)
@@ -95,7 +97,7 @@ def test_an_image_is_kept_at_its_own_resolution_and_enlarged_where_another_is_fi
     assert pyramid.finest_rows == 256
     enlarged = pyramid.windows(256).each[0]
     assert enlarged.valid.shape == (256, 512)
-    assert (enlarged.first_row, enlarged.first_column) == (0, 0)
+    assert enlarged.place == SphereWindow(256, 0, 0, 256, 512)
 
 
 # Halving and masks.
@@ -121,9 +123,9 @@ def test_half_a_window_has_the_mean_of_the_valid_pixels_of_each_square(is_masked
     color, valid = rng.uniform(size=(3, 12, 20)), np.ones((12, 20))
     if is_masked:
         valid = (rng.uniform(size=valid.shape) < 0.6).astype(float)
-    window = Window(torch.from_numpy(color).float(), torch.from_numpy(valid).float(), 64, 8, 16)
+    window = Window(torch.from_numpy(color).float(), torch.from_numpy(valid).float(), SphereWindow(64, 8, 16, 12, 20))
     half = window.halved()
-    assert (half.rows, half.first_row, half.first_column) == (32, 4, 8)
+    assert half.place == SphereWindow(32, 4, 8, 6, 10)
     for row, column in np.ndindex(6, 10):
         square = slice(2 * row, 2 * row + 2), slice(2 * column, 2 * column + 2)
         is_seen = valid[square] > 0

@@ -1,10 +1,13 @@
 """The images of a rig on one sphere, against what a panorama shows at the same place."""
 
 import numpy as np
+import pytest
 
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.image.rig_on_sphere import rig_on_sphere
+from panoloc.core.image.photo_window import rig_on_sphere
 from tests.core.built_maps import BOX, POSE
 from tests.core.image.painted_photos import SIDEWAYS, UPRIGHT, photo_of
 from tests.core.painted_box import rotation_of
@@ -55,3 +58,43 @@ def test_a_panorama_stays_as_it_is_and_goes_along_with_a_turn_of_its_camera() ->
     found, _ = rig_on_sphere(turned)
     np.testing.assert_array_equal(found.color, np.roll(panorama.color, -32, axis=1))
     assert found.valid.all()
+
+
+# A single photo.
+
+LARGE = Camera.from_hfov("pinhole", 4000, 3000, 69.0)
+
+
+@pytest.mark.slow
+def test_a_photo_lies_on_the_sphere_where_the_panorama_shows_the_same() -> None:
+    photo = photo_of(Camera.from_hfov("pinhole", 640, 480, 69.0))
+    placed = on_sphere(photo)
+    whole = BOX.panorama(POSE, height=placed.valid.shape[0])
+    difference = np.abs(placed.color[placed.valid].astype(float) - whole.color[placed.valid])
+    assert np.median(difference) < 3
+    shifted = np.roll(whole.color, 3, axis=1)
+    assert np.abs(placed.color[placed.valid].astype(float) - shifted[placed.valid]).mean() > 2 * difference.mean()
+
+
+def test_masked_pixels_neither_show_nor_bleed_into_their_neighbours() -> None:
+    color = np.full((3000, 4000, 3), 90, np.uint8)
+    valid = np.ones((3000, 4000), bool)
+    valid[:, 2000:] = False
+    color[:, 2000:] = 255
+    placed = on_sphere(Photo(color, valid, LARGE))
+    assert (placed.color[placed.valid] == 90).all()
+    columns = placed.valid.shape[1]
+    assert placed.valid[:, : columns // 2 - 2].any()
+    assert not placed.valid[:, columns // 2 :].any()
+
+
+@pytest.mark.slow
+def test_a_large_photo_is_averaged_and_not_picked_from() -> None:
+    stripes = np.zeros((3000, 4000, 3), np.uint8)
+    stripes[:, ::2] = 200
+    placed = on_sphere(Photo(stripes, np.ones((3000, 4000), bool), LARGE))
+    assert np.abs(placed.color[placed.valid].astype(int) - 100).max() <= 2
+
+
+def on_sphere(photo: Photo) -> Panorama:
+    return rig_on_sphere(Rig.of_photo(photo))[0]
