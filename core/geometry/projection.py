@@ -10,9 +10,7 @@ here the seam wraps and rows beyond a pole continue on the opposite meridian.
 
 import math
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 
@@ -30,18 +28,17 @@ def project(points: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
     return torch.where(u >= width, u - width, u), v
 
 
-def unproject(u: NDArray[np.floating], v: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
-    """Return the unit viewing directions (h, w, 3) of a grid of pixel coordinates, columns `u` (w,) and rows `v` (h,): Π⁻¹."""
-    azimuth, elevation = np.pi - u * (2 * np.pi / width), np.pi / 2 - v * (np.pi / height)
-    flat = np.cos(elevation)[:, None]
-    rise = np.broadcast_to(np.sin(elevation)[:, None], (len(v), len(u)))
-    return np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), rise), axis=-1)
+def unproject(u: Tensor, v: Tensor, height: int, width: int) -> Tensor:
+    """Return the unit viewing directions (..., 3) of pixel coordinates `u`, `v` (...): Π⁻¹."""
+    azimuth, elevation = math.pi - u * (2 * math.pi / width), math.pi / 2 - v * (math.pi / height)
+    cosine, rise = torch.cos(elevation), torch.sin(elevation) + torch.zeros_like(azimuth)
+    return torch.stack((cosine * torch.cos(azimuth), cosine * torch.sin(azimuth), rise), dim=-1)
 
 
 def pixel_directions(height: int, width: int, device: torch.device | str = "cpu") -> Tensor:
     """Return the unit viewing direction (H, W, 3) of every pixel centre."""
-    found = unproject(np.arange(width) + 0.5, np.arange(height) + 0.5, height, width)
-    return torch.from_numpy(found).float().to(device)
+    u, v = (torch.arange(size, device=device, dtype=torch.float64) + 0.5 for size in (width, height))
+    return unproject(u, v[:, None], height, width).float()
 
 
 def pixels_towards(directions: Tensor, height: int) -> Tensor:

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from panoloc.core.geometry.projection import pixel_solid_angles, project, unproject
+from panoloc.core.geometry.projection import pixel_solid_angles, project
 
 _ROUNDING = 1e-6  # of a cell
 _SECTORS = 720  # of the horizon, in which its used part is told from the rest
@@ -54,8 +54,12 @@ class SphereWindow:
 
     def grid(self) -> NDArray[np.float64]:
         """Return the unit viewing direction (h, w, 3) of every pixel's centre."""
-        v, u = self.first_row + np.arange(self.height) + 0.5, self.first_column + np.arange(self.width) + 0.5
-        return unproject(u, v, self.rows, 2 * self.rows)
+        row, column = self.first_row + np.arange(self.height) + 0.5, self.first_column + np.arange(self.width) + 0.5
+        elevation, azimuth = np.pi / 2 - np.pi * row / self.rows, np.pi - np.pi * column / self.rows
+        flat, rise = np.cos(elevation)[:, None], np.sin(elevation)[:, None]
+        return np.stack(
+            (flat * np.cos(azimuth), flat * np.sin(azimuth), np.broadcast_to(rise, (self.height, self.width))), -1
+        )
 
     def directions(self, device: torch.device) -> Tensor:
         """Return the unit viewing direction (S, 3) of every pixel's centre, row by row. Not to be changed: many share it."""

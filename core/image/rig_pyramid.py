@@ -15,7 +15,7 @@ from torch import Tensor
 
 from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.errors import PanoramaUnusableError
-from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.geometry.projection import pixel_solid_angles, unproject
 from panoloc.core.geometry.rotations import even_directions
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.label_codes import LabelCodes
@@ -106,8 +106,13 @@ class Windows:
     @cached_property
     def directions(self) -> Tensor:
         """Return the direction (H, W, 3) of each pixel in its camera's axes."""
-        planes = [torch.from_numpy(w.place.grid()).to(self.valid).movedim(-1, 0) for w in self.each]
-        return self.packed(planes).movedim(0, -1).contiguous()
+        found = self.valid.new_zeros((*self.shape, 3))
+        for at, top in zip((w.place for w in self.each), self.tops, strict=False):
+            u = at.first_column + torch.arange(at.width, device=found.device) + 0.5
+            v = at.first_row + torch.arange(at.height, device=found.device) + 0.5
+            inside = found[top + 1 : top + 1 + at.height, 1 : at.width + 1]
+            inside[:] = unproject(u, v[:, None], self.rows, 2 * self.rows)
+        return found
 
     @cached_property
     def rig_directions(self) -> Tensor:
