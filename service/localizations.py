@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import structlog
 
 from panoloc.core.errors import DeadlineExceededError
-from panoloc.core.image.image_header import read_image_header
+from panoloc.core.image.image_header import image_kind
 from panoloc.service.answer import Document, Localization
 from panoloc.service.cache import Cache
 from panoloc.service.errors import (
@@ -206,7 +206,7 @@ class Localizations:
     async def _keep(self, localization_id: str, images: Sequence[QueryImage]) -> None:
         for number, image in enumerate(images, 1):
             name = localization_id if len(images) == 1 else f"{localization_id}-{number:02}"
-            kind = read_image_header(image.data).kind
+            kind = image_kind(image.data)
             await asyncio.to_thread(self.storage.put, f"panoramas/{name}.{kind}", image.data)
 
 

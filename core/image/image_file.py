@@ -1,38 +1,23 @@
-"""The pixels of an uploaded file: opened with its header checked, decoded, turned upright, brought to 8-bit RGB."""
+"""The pixels of an uploaded file: decoded, turned upright, brought to 8-bit RGB."""
 
-import io
-import warnings
+import struct
+import zlib
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps
 
-from panoloc.core.errors import MaskShapeError, PanoramaDamagedError
-from panoloc.core.image.image_header import KNOWN_FORMATS, MASK, Upload, check_image
-from panoloc.core.image.png_rows import check_png_rows
+from panoloc.core.errors import MaskShapeError, PanoramaTooLargeError
+from panoloc.core.image.image_header import MASK, Upload, open_image
+from panoloc.core.image.known_camera import Crop
 
+MIN_HEIGHT = 64  # rows of a full sphere in which anything can be told apart
 # Four bytes each in Pillow, and a dozen in what is computed of them.
 _MOST_WHOLE_PIXELS = 1 << 25
-_QUARTER_TURNS = (5, 6, 7, 8)  # EXIF orientations; any other number than 1 to 8 says nothing
-_FORMATS = ("JPEG", "PNG", "WEBP")  # MPO files come through the JPEG reader
-
-
-def open_image(data: bytes, upload: Upload, max_pixels: int) -> Image.Image:
-    """Open an upload without decoding it, its header checked. Raises its errors."""
-    check_image(data, upload, max_pixels)
-    check_png_rows(data, upload)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            return Image.open(io.BytesIO(data), formats=_FORMATS)
-    except Image.DecompressionBombError as error:  # Pillow's own limit, where the caller allows more than that
-        raise upload.too_large_error(f"{upload.name}: expected fewer pixels ({error}); scale it down") from error
-    except UnidentifiedImageError as error:
-        raise upload.format_error(
-            f"{upload.name}: expected a {KNOWN_FORMATS} image, got one whose header cannot be read; convert it again"
-        ) from error
-    except (OSError, SyntaxError, ValueError) as error:
-        raise upload.damaged_error(f"{upload.name}: the file's header is damaged ({error}); export it again") from error
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+# Photos and pictures of scans shrink to a half or a tenth; only what shrinks further is worth a look, which takes as long as decoding.
+_USUAL_RATIO = 20
+_PIECE_BYTES = 1 << 20
 
 
 def decode(image: Image.Image, upload: Upload, turned: bool = True) -> Image.Image:
@@ -59,16 +44,6 @@ def reduced(image: Image.Image, factor: int) -> Image.Image:
     return image if image.mode.startswith("I;") else image.reduce(step)
 
 
-def swaps_sides(image: Image.Image) -> bool:
-    """Tell whether the EXIF orientation turns the image by a quarter; reading it decodes a PNG to its end."""
-    try:
-        return int(image.getexif().get(0x0112, 1)) in _QUARTER_TURNS
-    except (OSError, SyntaxError, ValueError, TypeError, EOFError) as error:
-        raise PanoramaDamagedError(
-            f"image: the file ends early or is damaged ({error}); upload it again in full"
-        ) from error
-
-
 def color_and_alpha(image: Image.Image) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Return colours (h, w, 3) and validity (h, w); 16-bit grey is brought to 8 bit, palettes and CMYK to RGB."""
     valid = np.ones((image.size[1], image.size[0]), dtype=bool)
@@ -86,6 +61,7 @@ def color_and_alpha(image: Image.Image) -> tuple[NDArray[np.uint8], NDArray[np.b
 def read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[np.bool_]:
     """Return which pixels to ignore, resized to the panorama's shape (h, w)."""
     image = open_image(data, MASK, max_pixels)
+    check_png_rows(data, MASK)
     width, height = image.size
     if abs(width * shape[0] - height * shape[1]) > 0.01 * width * shape[0]:
         raise MaskShapeError(
@@ -96,3 +72,55 @@ def read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[n
     decoded = decode(image, MASK).resize((shape[1], shape[0]), Image.Resampling.NEAREST)
     ignored: NDArray[np.bool_] = np.asarray(decoded.convert("RGB")).max(axis=2) > 0
     return ignored
+
+
+def place_crop(
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], crop: Crop, max_pixels: int
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Place a cropped panorama in the full sphere, at the resolution it was decoded in."""
+    scale = color.shape[1] / crop.width
+    height = max(MIN_HEIGHT, round(crop.full_height * scale))
+    if 2 * height * height > max_pixels:
+        raise PanoramaTooLargeError(
+            f"image: expected at most {max_pixels:,} pixels, got {2 * height:,} x {height:,} after placing the GPano crop; scale it down"
+        )
+    rows, columns = max(1, round(crop.height * scale)), max(1, round(crop.width * scale))
+    resized = np.asarray(Image.fromarray(color).resize((columns, rows)))
+    kept = np.asarray(Image.fromarray(valid).resize((columns, rows), Image.Resampling.NEAREST))
+    top, left = min(round(crop.top * scale), height - rows), min(round(crop.left * scale), 2 * height - columns)
+    full, mask = np.zeros((height, 2 * height, 3), np.uint8), np.zeros((height, 2 * height), bool)
+    full[top : top + rows, left : left + columns] = resized
+    mask[top : top + rows, left : left + columns] = kept
+    return full, mask
+
+
+def check_png_rows(data: bytes, upload: Upload) -> None:
+    """Raise the upload's `damaged_error` when the rows of a PNG end before the last: Pillow fills up what is missing with black."""
+    if not data.startswith(b"\x89PNG"):
+        return
+    width, height, depth, color_type = struct.unpack(">IIBB", data[16:26])
+    expected = (
+        width * height * depth * _PNG_CHANNELS.get(color_type, 1) // 8
+    )  # a byte for each row, and what interlacing adds, aside
+    compressed, at = [], 8
+    while at + 8 <= len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        if data[at + 4 : at + 8] == b"IDAT":
+            compressed.append(data[at + 8 : at + 8 + length])
+        at += 12 + length
+    if expected <= _USUAL_RATIO * sum(map(len, compressed)):
+        return
+    found, unpacking = 0, zlib.decompressobj()
+    try:
+        for rows in compressed:
+            waiting = rows
+            while waiting and found < expected:
+                found += len(unpacking.decompress(waiting, _PIECE_BYTES))
+                waiting = unpacking.unconsumed_tail
+    except zlib.error as error:
+        raise upload.damaged_error(f"{upload.name}: its rows are damaged ({error}); export it again") from error
+    if found < expected:
+        raise upload.damaged_error(
+            f"{upload.name}: {width:,} x {height:,} pixels take {expected:,} bytes, got {found:,}; the file ends early, send it "
+            "again in full"
+        )

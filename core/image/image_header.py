@@ -1,10 +1,10 @@
-"""Size and kind of an image from its first bytes, so that a bomb is refused before anything is decoded. Needs no numpy."""
+"""Uploads opened without decoding them, so that a bomb is refused by its header. Needs no numpy."""
 
-import struct
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from panoloc.core.errors import (
     CoreError,
@@ -16,21 +16,12 @@ from panoloc.core.errors import (
     PanoramaTooLargeError,
 )
 
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+
 ImageKind = Literal["jpeg", "png", "webp"]
 KNOWN_FORMATS = "JPEG, PNG or WebP"
 KIND_BYTES = 16
-
-_JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_JPEG_BARE_MARKERS = frozenset({0x01, *range(0xD0, 0xD9)})
-
-
-@dataclass(frozen=True)
-class ImageHeader:
-    """What an image says of itself. width, height: pixels as stored."""
-
-    kind: ImageKind
-    width: int
-    height: int
 
 
 @dataclass(frozen=True)
@@ -56,32 +47,58 @@ def numbered(number: int, count: int) -> Iterator[None]:
         raise error if count == 1 else type(error)(f"{error} (image {number} of {count})") from error
 
 
-def check_images(files: Sequence[bytes], upload: Upload, max_pixels: int) -> None:
-    """Look at the headers of all files of one kind. Raises as `check_image` does, for more than `max_pixels` pixels together, too."""
-    total = 0
+def open_images(files: Sequence[bytes], upload: Upload, max_pixels: int) -> list["ImageFile"]:
+    """Open all files of one kind. Raises as `open_image` does, for more than `max_pixels` pixels together, too."""
+    opened = []
     for number, data in enumerate(files, 1):
         with numbered(number, len(files)):
-            header = check_image(data, upload, max_pixels)
-        total += header.width * header.height
+            opened.append(open_image(data, upload, max_pixels))
+    total = sum(image.width * image.height for image in opened)
     if total > max_pixels:
         raise upload.too_large_error(
             f"{upload.name}: expected at most {max_pixels:,} pixels in all {len(files)} files together, got "
             f"{total:,}; scale them down (1920 x 1440 is enough for a frame), or send fewer"
         )
+    return opened
 
 
-def check_image(data: bytes, upload: Upload, max_pixels: int) -> ImageHeader:
-    """Return the header of an upload. Raises its `format_error`, or `too_large_error` for more than `max_pixels` pixels."""
+def open_image(data: bytes, upload: Upload, max_pixels: int) -> "ImageFile":
+    """Open an upload without decoding it.
+
+    Raises its `format_error` for no image, `damaged_error`, or `too_large_error` for more than `max_pixels` pixels.
+    """
+    # Commands load these only when they need them.
+    from PIL.Image import DecompressionBombError
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+    from PIL.WebPImagePlugin import WebPImageFile
+
+    readers: dict[str, type[JpegImageFile | PngImageFile | WebPImageFile]]
+    readers = {"jpeg": JpegImageFile, "png": PngImageFile, "webp": WebPImageFile}
+    kind = image_kind(data)
+    if kind is None:
+        advice = "convert it to one of them" if data else "its content was not saved or not sent; check the file"
+        if _is_text(data):
+            advice = "send the content of the file, not its name (in curl, write @ before the name)"
+        raise upload.format_error(
+            f"{upload.name}: expected a {KNOWN_FORMATS} image, got {_description(data)}; {advice}"
+        )
     try:
-        header = read_image_header(data)
-    except PanoramaFormatError as error:
-        raise upload.format_error(f"{upload.name}: {error}") from error
-    if header.width * header.height > max_pixels:
+        # Not `Image.open`, which has a limit of its own.
+        image = readers[kind](io.BytesIO(data))
+    except DecompressionBombError as error:  # of WebP
+        raise upload.too_large_error(f"{upload.name}: expected fewer pixels ({error}); scale it down") from error
+    except (OSError, SyntaxError, ValueError) as error:
+        raise upload.damaged_error(
+            f"{upload.name}: expected a whole image, got one that ends within its header or is damaged there ({error}); "
+            "send it again in full"
+        ) from error
+    if image.width * image.height > max_pixels:
         raise upload.too_large_error(
-            f"{upload.name}: expected at most {max_pixels:,} pixels, got {header.width:,} x {header.height:,}; scale "
+            f"{upload.name}: expected at most {max_pixels:,} pixels, got {image.width:,} x {image.height:,}; scale "
             "it down (4096 x 2048 is enough)"
         )
-    return header
+    return image
 
 
 def image_kind(head: bytes) -> ImageKind | None:
@@ -93,58 +110,6 @@ def image_kind(head: bytes) -> ImageKind | None:
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         return "webp"
     return None
-
-
-def read_image_header(data: bytes) -> ImageHeader:
-    """Return kind and size of a JPEG, PNG or WebP image. Raises PanoramaFormatError for anything else."""
-    kind = image_kind(data)
-    try:
-        if kind == "png":
-            return ImageHeader(kind, *struct.unpack(">II", data[16:24]))
-        if kind == "jpeg":
-            return _jpeg(data)
-        if kind == "webp":
-            return _webp(data)
-    except (struct.error, IndexError) as error:
-        raise PanoramaFormatError(
-            f"expected an image, got one that ends within its header ({len(data):,} bytes); send the whole file"
-        ) from error
-    advice = "convert it to one of them" if data else "its content was not saved or not sent; check the file"
-    if _is_text(data):
-        advice = "send the content of the file, not its name (in curl, write @ before the name)"
-    raise PanoramaFormatError(f"expected a {KNOWN_FORMATS} image, got {_description(data)}; {advice}")
-
-
-def _jpeg(data: bytes) -> ImageHeader:
-    at = 2
-    while True:
-        if data[at] != 0xFF:
-            raise IndexError
-        marker = data[at + 1]
-        if marker == 0xFF:
-            at += 1
-        elif marker in _JPEG_BARE_MARKERS:
-            at += 2
-        elif marker in _JPEG_SIZE_MARKERS:
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return ImageHeader("jpeg", width, height)
-        else:
-            (length,) = struct.unpack(">H", data[at + 2 : at + 4])
-            at += 2 + length
-
-
-def _webp(data: bytes) -> ImageHeader:
-    chunk = data[12:16]
-    if chunk == b"VP8X":
-        low_width, high_width, low_height, high_height = struct.unpack("<HBHB", data[24:30])
-        return ImageHeader("webp", 1 + (high_width << 16 | low_width), 1 + (high_height << 16 | low_height))
-    if chunk == b"VP8L":
-        (bits,) = struct.unpack("<I", data[21:25])
-        return ImageHeader("webp", 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF))
-    if chunk == b"VP8 ":
-        width, height = struct.unpack("<HH", data[26:30])
-        return ImageHeader("webp", width & 0x3FFF, height & 0x3FFF)
-    raise IndexError
 
 
 _OTHER_KINDS = {

@@ -1,36 +1,107 @@
-"""Photos of which nothing says what camera took them, told by their first bytes, so that they are refused before they wait. Needs no numpy.
+"""What a file says of the camera that took it: the focal length in 35 mm terms in EXIF, and GPano crop fields in XMP. Needs no numpy.
 
-A file is refused here only where the reader would find nothing either: what is unclear is left to it.
+The equivalent is defined by the diagonal (CIPA DCG-001): 43.27 mm of film show as much as the diagonal of the image.
 """
 
-import struct
+import math
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from panoloc.core.errors import PanoramaShapeError
-from panoloc.core.image.image_header import numbered, read_image_header
+from PIL import Image
 
-_START_OF_SCAN = 0xDA
-# Of EXIF data, of GPano fields, and of the orientation in an XMP packet.
-_WORDS = (b"Exif\x00", b"GPano", b"Orientation")
+from panoloc.core.camera.camera import Camera, have_one_shape
+from panoloc.core.errors import PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
+from panoloc.core.image.image_header import numbered
+
+_EXIF_IFD, _ORIENTATION = 0x8769, 0x0112
+_FOCAL_LENGTH_35MM = 0xA405
+_SIZE_WHEN_TAKEN = 0xA002, 0xA003  # PixelXDimension and PixelYDimension
+_QUARTER_TURNS = (5, 6, 7, 8)  # orientations; any other number than 1 to 8 says nothing
+_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+_ROUNDED_MM = 0.5  # at most, for the field holds whole millimetres
+_PLAUSIBLE_MM = (4.0, 2000.0)
+_UNREADABLE = (OSError, SyntaxError, ValueError, TypeError, EOFError, ZeroDivisionError)
 
 
-def check_known_cameras(images: Sequence[bytes]) -> None:
-    """Refuse JPEG files without EXIF data that are no full spheres and no parts of one. Raises PanoramaShapeError.
+def check_known_cameras(images: Sequence[Image.Image], files: Sequence[bytes]) -> None:
+    """Refuse JPEG files that say nothing of their camera before they wait. Raises as `crop_fields` does, and PanoramaShapeError.
 
-    images: without a camera that the caller describes, their headers checked.
+    images: opened, without a camera that the caller describes, each of the bytes of a file. Others are left to the reader: whether a PNG
+    says more, only its end tells.
     """
-    for number, data in enumerate(images, 1):
-        header = read_image_header(data)
-        size = header.width, header.height
-        if header.kind == "jpeg" and all(size) and not is_full_sphere(size) and _says_nothing(data):
+    for number, (image, data) in enumerate(zip(images, files, strict=True), 1):
+        if image.format == "JPEG":
             with numbered(number, len(images)):
-                raise no_camera_error(size)
+                size = upright_size(image)
+                if (
+                    crop_fields(image, data) is None
+                    and not is_full_sphere(size)
+                    and camera_of_photo(image, size) is None
+                ):
+                    raise no_camera_error(size)
+
+
+def upright_size(image: Image.Image) -> tuple[int, int]:
+    """Return width and height as the EXIF orientation turns them; reading it decodes a PNG to its end. Raises PanoramaDamagedError."""
+    try:
+        is_turned = int(image.getexif().get(_ORIENTATION, 1)) in _QUARTER_TURNS
+    except _UNREADABLE as error:
+        raise PanoramaDamagedError(
+            f"image: the file ends early or is damaged ({error}); upload it again in full"
+        ) from error
+    return image.size[::-1] if is_turned else image.size
 
 
 def is_full_sphere(size: tuple[int, int]) -> bool:
     """Tell whether an image of this size (width, height) can be a full sphere: 2:1, but for a little rounding."""
     width, height = size
     return abs(width - 2 * height) <= max(2, 0.005 * width)
+
+
+def camera_of_photo(image: Image.Image, size: tuple[int, int]) -> Camera | None:
+    """Return the pinhole camera that the EXIF data of a photo describe, for an image of `size` (width, height); None where they do not."""
+    (focal_mm,) = _numbers(image, _FOCAL_LENGTH_35MM)
+    if not _PLAUSIBLE_MM[0] <= focal_mm <= _PLAUSIBLE_MM[1]:  # also false for NaN; writers put 0 for "unknown"
+        return None
+    width, height = size
+    focal_px = focal_mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
+    return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)
+
+
+def rounding_share(camera: Camera) -> float:
+    """Return by which share of itself the focal length of a camera that EXIF data described may be off in 68 of 100 photos.
+
+    What was rounded away is as likely to be much as little: 0.34 mm cover 68 %, of the 26 mm of a phone 1.3 %.
+    """
+    focal_mm = camera.fx_px * _FILM_DIAGONAL_MM / math.hypot(camera.width_px, camera.height_px)
+    return 0.68 * _ROUNDED_MM / focal_mm
+
+
+def words_of_copy(image: Image.Image) -> tuple[str, ...]:
+    """Return what to say of a photo that has another size than its EXIF data say, and so may be a copy or a part of another.
+
+    Raises PanoramaShapeError where it has another shape, for then it is a part.
+    """
+    width, height = map(int, _numbers(image, *_SIZE_WHEN_TAKEN))
+    if width <= 0 or height <= 0:
+        return ()
+    # Some turn the pixels and leave the numbers.
+    taken = (height, width) if have_one_shape((height, width), image.size) else (width, height)
+    if not have_one_shape(taken, image.size):
+        raise PanoramaShapeError(
+            f"image: expected the photo as it was taken, {taken[0]} x {taken[1]} px by its EXIF data, got {image.width} x "
+            f"{image.height} px of another shape, with unknown focal length and centre; send the whole photo, or "
+            "options.cameras with the intrinsics of the crop (cx_px and cy_px give the centre); for a centred crop "
+            "hfov_range_deg suffices (--hfov 45-90)"
+        )
+    if taken == image.size:
+        return ()
+    return (
+        f"the EXIF data describe an image of {taken[0]} x {taken[1]} px, got {image.width} x {image.height}, which is assumed "
+        "to be a resized copy of the whole photo; if it is a crop, the field of view differs: send the whole photo, "
+        "or options.cameras",
+    )
 
 
 def no_camera_error(size: tuple[int, int]) -> PanoramaShapeError:
@@ -44,34 +115,63 @@ def no_camera_error(size: tuple[int, int]) -> PanoramaShapeError:
     )
 
 
-def cropped_error(size: tuple[int, int], taken: tuple[int, int]) -> PanoramaShapeError:
-    """Return the error for a photo of this size (width, height) that was cut out of one of size `taken`, whose EXIF data it has."""
-    return PanoramaShapeError(
-        f"image: expected the photo as it was taken, {taken[0]} x {taken[1]} px by its EXIF data, got {size[0]} x "
-        f"{size[1]} px of another shape, with unknown focal length and centre; send the whole photo, or "
-        "options.cameras with the intrinsics of the crop (cx_px and cy_px give the centre); for a centred crop "
-        "hfov_range_deg suffices (--hfov 45-90)"
-    )
-
-
-def perhaps_cropped(size: tuple[int, int], taken: tuple[int, int]) -> str:
-    """Return what to say of a photo of this size (width, height) that may be a copy of one of size `taken`, or a part of it."""
-    return (
-        f"the EXIF data describe an image of {taken[0]} x {taken[1]} px, got {size[0]} x {size[1]}, which is assumed "
-        "to be a resized copy of the whole photo; if it is a crop, the field of view differs: send the whole photo, "
-        "or options.cameras"
-    )
-
-
-def _says_nothing(data: bytes) -> bool:
-    """Tell whether a JPEG says neither how it was taken nor how it is turned before its pixels begin; False where that is unclear."""
-    at = 2
+def _numbers(image: Image.Image, *fields: int) -> list[float]:
+    """Return fields of the EXIF data of a photo; 0 for what is missing, damaged or no finite number."""
     try:
-        while (marker := data[at + 1]) != _START_OF_SCAN:
-            # Fill bytes and markers without a length are rare before the pixels: left to the reader.
-            if data[at] != 0xFF or marker < 0xC0 or marker == 0xFF or 0xD0 <= marker <= 0xD9:
-                return False
-            at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
-    except (IndexError, struct.error):
-        return False
-    return not any(word in data[:at] for word in _WORDS)
+        written = image.getexif().get_ifd(_EXIF_IFD)
+        numbers = [float(written.get(field, 0)) for field in fields]
+    except _UNREADABLE:
+        return [0.0] * len(fields)
+    return [number if math.isfinite(number) else 0.0 for number in numbers]
+
+
+@dataclass(frozen=True)
+class Crop:
+    """GPano crop fields in pixels of the full sphere."""
+
+    full_width: int
+    full_height: int
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+_CROP_FIELDS = {
+    "full_width": "FullPanoWidthPixels",
+    "full_height": "FullPanoHeightPixels",
+    "left": "CroppedAreaLeftPixels",
+    "top": "CroppedAreaTopPixels",
+    "width": "CroppedAreaImageWidthPixels",
+    "height": "CroppedAreaImageHeightPixels",
+}
+
+
+def crop_fields(image: Image.Image, data: bytes) -> Crop | None:
+    """Return the GPano crop of an XMP packet, None when there is none or it covers the full sphere.
+
+    data: the file. Raises PanoramaUnusableError for fields that contradict each other.
+    """
+    packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or _find_xmp(data)
+    text = packet.decode("utf-8", "replace") if isinstance(packet, bytes) else str(packet or "")
+    values = {}
+    for name, field in _CROP_FIELDS.items():
+        match = re.search(rf"GPano:{field}\s*(?:=\s*[\"']|>)\s*(\d{{1,7}})", text)
+        if match is None:
+            return None
+        values[name] = int(match[1])
+    crop = Crop(**values)
+    if (crop.width, crop.height) == (crop.full_width, crop.full_height):
+        return None
+    fits = crop.left + crop.width <= crop.full_width and crop.top + crop.height <= crop.full_height
+    if not fits or crop.full_width != 2 * crop.full_height or crop.width == 0 or crop.height == 0:
+        raise PanoramaUnusableError(
+            f"image: its GPano crop fields contradict each other ({crop}); correct or remove them"
+        )
+    return crop
+
+
+def _find_xmp(data: bytes) -> bytes:
+    start = data.find(b"<x:xmpmeta", 0, 200_000)
+    end = data.find(b"</x:xmpmeta>", start)
+    return data[start:end] if 0 <= start < end else b""

@@ -12,16 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from panoloc.core.camera.camera import Camera, CameraDescription, have_one_shape
+from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.errors import MaskShapeError, PanoramaUnusableError
-from panoloc.core.image.exif import camera_of_photo, rounding_share, size_when_taken
-from panoloc.core.image.gpano import MIN_HEIGHT, crop_fields, place_crop
-from panoloc.core.image.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
-from panoloc.core.image.image_header import IMAGE
+from panoloc.core.image.image_file import (
+    MIN_HEIGHT,
+    check_png_rows,
+    color_and_alpha,
+    decode,
+    place_crop,
+    read_mask,
+    reduced,
+)
+from panoloc.core.image.image_header import IMAGE, open_image
 from panoloc.core.image.invalid_regions.finding import find_missing
-from panoloc.core.image.known_camera import cropped_error, is_full_sphere, no_camera_error, perhaps_cropped
+from panoloc.core.image.known_camera import (
+    camera_of_photo,
+    crop_fields,
+    is_full_sphere,
+    no_camera_error,
+    rounding_share,
+    upright_size,
+    words_of_copy,
+)
 from panoloc.core.image.photo_window import FINEST_PX_PER_RAD, FINEST_ROWS, check_share, rig_on_sphere
 from panoloc.core.options import MAX_PIXELS
 
@@ -52,7 +66,8 @@ def read_image(
     subclasses MaskFormatError, MaskTooLargeError, MaskDamagedError or MaskShapeError; OptionsError where camera and image do not fit.
     """
     image = open_image(data, IMAGE, max_pixels)
-    size = image.size[::-1] if swaps_sides(image) else image.size
+    check_png_rows(data, IMAGE)
+    size = upright_size(image)
     if camera is not None:
         photo = _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
         return replace(photo, hfov_range_deg=camera.hfov_range_deg)
@@ -61,12 +76,9 @@ def read_image(
         found = camera_of_photo(image, size)
         if found is None:
             raise no_camera_error(size)
-        taken = size_when_taken(image) or image.size
-        if not have_one_shape(taken, image.size):
-            raise cropped_error(image.size, taken)
+        words = words_of_copy(image)
         photo = _photo(image, mask, found, False, max_pixels)
-        words = photo.left_out if taken == image.size else (*photo.left_out, perhaps_cropped(image.size, taken))
-        return replace(photo, focal_uncertainty=rounding_share(found), left_out=words)
+        return replace(photo, focal_uncertainty=rounding_share(found), left_out=(*photo.left_out, *words))
     if crop is None and size[1] < MIN_HEIGHT:
         raise PanoramaUnusableError(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"
@@ -96,7 +108,7 @@ def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bo
 
 def _draft(image: Image.Image, factor: int) -> None:
     """Let a JPEG be decoded at a fraction of its size, which is several times faster."""
-    if image.format in ("JPEG", "MPO") and factor > 1:
+    if image.format == "JPEG" and factor > 1:
         image.draft("RGB", (max(1, image.size[0] // factor), max(1, image.size[1] // factor)))
 
 

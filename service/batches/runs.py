@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import structlog
 
 from panoloc.core.errors import DeadlineExceededError
-from panoloc.core.image.image_header import IMAGE, check_image
+from panoloc.core.image.image_header import IMAGE, open_image
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.batches.store import BatchStore
 from panoloc.service.errors import EXPECTED_ERRORS, StorageAwayError, TryAgainError
@@ -150,7 +150,7 @@ class BatchRuns:
         A deadline may pass because the index of the map is rebuilt after a restart: a later try finds it.
         """
         data = await _persistently(lambda: self._store.image(record.id, number), "an image cannot be read", _MAX_READS)
-        check_image(data, IMAGE, self._max_pixels)
+        open_image(data, IMAGE, self._max_pixels)
         image = QueryImage(data, camera=record.camera)
         query = LocalizeRequest(
             (image,), MapChoice(record.map_ids, record.tag, record.tenant), record.options, request_id

@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from panoloc.core.errors import CoreError
+from panoloc.core.options import MAX_PIXELS
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
@@ -235,14 +236,14 @@ def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> 
 
 def _is_panorama(photo: Path) -> bool:
     # Commands load these modules only when they need them.
-    from panoloc.core.image.image_header import read_image_header
+    from panoloc.core.image.image_header import IMAGE, open_image
     from panoloc.core.image.known_camera import is_full_sphere
 
     try:
-        header = read_image_header(photo.read_bytes())
+        size = open_image(photo.read_bytes(), IMAGE, MAX_PIXELS).size
     except (CoreError, OSError):
         return False  # the service says what is wrong with it
-    return is_full_sphere((header.width, header.height))
+    return is_full_sphere(size)
 
 
 def _several(names: list[str], note: str) -> str:

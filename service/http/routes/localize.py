@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Header, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
-from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
+from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS, MASK, open_images
 from panoloc.core.image.known_camera import check_known_cameras
 from panoloc.core.options import MAX_IMAGES
 from panoloc.service.answer import Localization, picture_path
@@ -145,10 +145,10 @@ def query_of(
     settings = services_of(request).settings
     query = query_images(images, masks, options)
     with limited_by("PANOLOC_MAX_PIXELS"):
-        check_images(images, IMAGE, settings.max_pixels)
-        check_images(masks, MASK, settings.max_pixels)
+        opened = open_images(images, IMAGE, settings.max_pixels)
+        open_images(masks, MASK, settings.max_pixels)
     if options.cameras is None:
-        check_known_cameras(images)
+        check_known_cameras(opened, images)
     return LocalizeRequest(query, maps, checked_options(options, settings), request.state.request_id)
 
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.errors import OptionsError
-from panoloc.core.image.exif import camera_of_photo
+from panoloc.core.image.known_camera import camera_of_photo
 from tests.core.found_pose import known
 from tests.core.image.picture_files import photo_file
 

@@ -16,7 +16,7 @@ from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports.formats import EXPORTERS, export, north_of
 from panoloc.core.exports.gpano import with_fields, xmp_of
 from panoloc.core.exports.tour import LeftOut, Tour
-from panoloc.core.image.gpano import crop_fields
+from panoloc.core.image.known_camera import crop_fields
 from panoloc.core.options import ExportFormat
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud

@@ -69,7 +69,7 @@ async def test_a_scan_that_may_be_one_goes_to_a_worker(running: RunningService, 
         (b"", 415, "empty file"),
         (b"/home/me/photo.jpg", 415, "got text ('/home/me/photo.jpg'); send the content of the file, not its name"),
         (b"GIF89a........", 415, "JPEG, PNG or WebP"),
-        (JPEG_WITHOUT_SIZE, 415, "ends within its header"),
+        (JPEG_WITHOUT_SIZE, 422, "ends within its header"),
         (png_of(40_000, 20_000), 413, "40,000 x 20,000"),
     ],
 )
@@ -99,7 +99,7 @@ async def test_a_photo_of_an_unknown_camera_never_reaches_a_worker(running: Runn
     ("mask", "status", "kind"),
     [
         (b"this is text", 415, "unknown-mask-format"),
-        (JPEG_WITHOUT_SIZE, 415, "unknown-mask-format"),
+        (JPEG_WITHOUT_SIZE, 422, "mask-damaged"),
         (png_of(40_000, 20_000), 413, "mask-too-many-pixels"),
     ],
 )
