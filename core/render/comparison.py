@@ -15,8 +15,7 @@ from panoloc.core.features.equalization import equalize_where
 from panoloc.core.geometry.sphere_window import window_around
 from panoloc.core.image.level import Level
 from panoloc.core.image.rig_pyramid import RigPyramid
-from panoloc.core.render.drawn_points import ViewParts
-from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.render_cloud import RenderCloud, ViewParts
 from panoloc.core.render.synthetic_view import SyntheticViews, render_parts
 
 _NEAR_M = 1.0  # what an image shows is hardly nearer; parallax widens what must be drawn by no more

@@ -1,4 +1,8 @@
-"""The points of a scan, ordered and thinned in advance so that any number of views can be rendered of them."""
+"""The points of a scan, ordered and thinned in advance so that any number of views can be rendered of them, and which of them are drawn.
+
+Far away, where many points share a pixel, only every 2nd to 32nd is drawn. A photo shows a part of the sphere: of it alone views are drawn
+then, in axes in which that part lies at the same pixels for every pose.
+"""
 
 import math
 from dataclasses import dataclass
@@ -6,8 +10,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from panoloc.core.config import RENDERING
+from panoloc.core.geometry.projection import project
+from panoloc.core.geometry.sphere_window import SphereWindow
+
 BLOCK = 64  # neighbouring points that are thinned together
-MAX_STRIDE_EXPONENT = 5
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ def make_render_cloud(positions: Tensor, colors: Tensor, spacing: float) -> Rend
     blocks = padded.view(-1, BLOCK, 3).transpose(1, 2).contiguous()
     centers = blocks.mean(2)
     radii = (blocks - centers[..., None]).square().sum(1).amax(1).sqrt()
-    thinned = [blocks[..., :: 1 << k].contiguous() for k in range(MAX_STRIDE_EXPONENT + 1)]
+    thinned = [blocks[..., :: 1 << k].contiguous() for k in range(BLOCK.bit_length() - 1)]  # down to two points
     return RenderCloud(positions, counted_colors(colors), spacing, centers, radii, tuple(thinned))
 
 
@@ -56,3 +63,74 @@ def point_spacing(positions: Tensor) -> float:
     occupied = len(torch.unique(keys))
     # A plane at a random angle crosses about 1.5 cells per cell area.
     return math.sqrt(0.01 * occupied / 1.5 / max(len(positions), 1))
+
+
+@dataclass(frozen=True)
+class ViewParts:
+    """The parts of B views that are wanted, in axes of their own.
+
+    rotations: (B, 3, 3) map_from_view. window: of the image in these axes. axes: (B, M, 3), unit directions in the map, and half_angles
+    (M,), radians: outside of the cones around them nothing need be drawn.
+    """
+
+    rotations: Tensor
+    window: SphereWindow
+    axes: Tensor
+    half_angles: Tensor
+
+
+@dataclass(frozen=True)
+class DrawnPoints:
+    """The M points drawn into all views: number (M,), from N on for what fills up the last run; relative (3, M), metres, where each lies
+    from its view; u and v (M,), pixel coordinates on the whole sphere; pixel (M,), of its window, over all views; spacing (M,), metres,
+    that they are left with."""
+
+    number: Tensor
+    relative: Tensor
+    u: Tensor
+    v: Tensor
+    pixel: Tensor
+    spacing: Tensor
+
+
+def drawn_points(cloud: RenderCloud, centers: Tensor, window: SphereWindow, parts: ViewParts | None) -> DrawnPoints:
+    """Choose the points of each view. A block is thinned by the largest power of two that leaves a point in every pixel."""
+    distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
+    pixel_angle = math.pi / window.rows
+    per_point = (distance * (pixel_angle / (RENDERING.footprint * cloud.spacing))).clamp_min(1.0).square()
+    exponent = torch.log2(per_point).floor_().clamp_(0, len(cloud.block_points) - 1).to(torch.int8)
+    if parts is not None:
+        exponent.masked_fill_(~_blocks_within(cloud, centers, parts), -1)
+    points, views, places, spacings = [], [], [], []
+    for step, blocks in enumerate(cloud.block_points):
+        view, block = (exponent == step).nonzero(as_tuple=True)
+        place = blocks.index_select(0, block) - centers.index_select(0, view)[..., None]
+        if parts is not None:
+            place = parts.rotations.transpose(1, 2).index_select(0, view) @ place
+        member = torch.arange(0, BLOCK, 1 << step, device=centers.device)
+        points.append((block[:, None] * BLOCK + member).flatten())
+        views.append(view.repeat_interleave(len(member)))
+        places.append(place.transpose(0, 1).flatten(1))
+        spacings.append(torch.full((len(points[-1]),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
+    number, view, relative, spacing = torch.cat(points), torch.cat(views), torch.cat(places, dim=1), torch.cat(spacings)
+    u, v = project(relative.T, window.rows, 2 * window.rows)
+    row = v.long().clamp_(0, window.rows - 1) - window.first_row
+    column = u.long().clamp_(0, 2 * window.rows - 1) - window.first_column
+    pixel = (view * window.height + row) * window.width + column
+    if window.is_whole:
+        return DrawnPoints(number, relative, u, v, pixel, spacing)
+    inside = ((row >= 0) & (row < window.height) & (column >= 0) & (column < window.width)).nonzero()[:, 0]
+    number, u, v, pixel, spacing = (part.index_select(0, inside) for part in (number, u, v, pixel, spacing))
+    return DrawnPoints(number, relative.index_select(1, inside), u, v, pixel, spacing)
+
+
+def _blocks_within(cloud: RenderCloud, centers: Tensor, parts: ViewParts) -> Tensor:
+    """Tell which blocks (B, blocks) have a part in some cone of each view."""
+    towards = cloud.block_centers - centers[:, None]
+    distance = towards.norm(dim=-1).clamp_min(1e-6)
+    reach = torch.asin((cloud.block_radii / distance).clamp(max=1.0))
+    within: Tensor = distance <= cloud.block_radii
+    for number, half in enumerate(parts.half_angles.tolist()):
+        cosine = (towards @ parts.axes[:, number, :, None])[..., 0] / distance
+        within |= torch.acos(cosine.clamp(-1, 1)) <= half + reach
+    return within

@@ -13,14 +13,14 @@ lattice through which the next room shines, and black pixels count as missing. H
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from panoloc.core.config import RENDERING
 from panoloc.core.geometry.projection import project
 from panoloc.core.geometry.sphere_window import SphereWindow
-from panoloc.core.render.drawn_points import ViewParts, drawn_points
-from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.render_cloud import RenderCloud, ViewParts, drawn_points
 
 RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
@@ -91,14 +91,14 @@ def _render(
     cloud: RenderCloud, centers: Tensor, window: SphereWindow, parts: ViewParts | None, with_points: bool
 ) -> SyntheticViews:
     """Draw the points of each view, the nearest in front; parts: None where all of the sphere is drawn, in axes parallel to the map's."""
-    batch, levels = len(centers), num_levels(window.rows)
+    shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels(window.rows))]
+    offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()
     drawn = drawn_points(cloud, centers, window, parts)
     distance = drawn.relative.square().sum(0).sqrt()
-    offsets, size = _level_offsets(batch, window.height, window.width, levels)
     cell = _cells_of(drawn.pixel, distance, drawn.spacing, offsets, window)
-    nearest = torch.full((size,), math.inf, device=distance.device)
+    nearest = torch.full((offsets[-1],), math.inf, device=distance.device)
     nearest.scatter_reduce_(0, cell, distance, "amin")
-    depth = _compose_depth(nearest, offsets, batch, window.height, window.width)
+    depth = _compose_depth(_levels(nearest, shapes))
     limit = torch.add(
         RENDERING.slack_spacings * drawn.spacing,
         depth.flatten().index_select(0, drawn.pixel),
@@ -106,9 +106,9 @@ def _render(
     )
     visible = (distance <= limit).nonzero()[:, 0]
     shown = drawn.number.index_select(0, visible)
-    sums = torch.zeros((size, cloud.colors.shape[1]), device=distance.device)
+    sums = torch.zeros((offsets[-1], cloud.colors.shape[1]), device=distance.device)
     sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
-    color, valid = _compose_color(sums, offsets, batch, window.height, window.width)
+    color, valid = _compose_color(_levels(sums, shapes))
     if not with_points:
         return SyntheticViews(color, depth, valid, drawn.number[:0], parts)
     u, v, pixel = (part.index_select(0, visible) for part in (drawn.u, drawn.v, drawn.pixel))
@@ -142,24 +142,25 @@ def visible_points(relative: Tensor, spacing: float, depth: Tensor) -> tuple[Ten
     return pixel, visible
 
 
-def _level_offsets(batch: int, height: int, width: int, levels: int) -> tuple[list[int], int]:
-    """Return where the cells of each level start in an array of all cells, and how many there are."""
-    offsets, size = [], 0
-    for k in range(levels):
-        offsets.append(size)
-        size += batch * (height >> k) * (width >> k)
-    return offsets, size
+def _levels(cells: Tensor, shapes: list[tuple[int, int, int]]) -> list[Tensor]:
+    """Return the levels (B, h, w, ...), the finest first, of an array of all their cells."""
+    parts = torch.split(cells, [math.prod(shape) for shape in shapes])
+    return [part.view(*shape, *cells.shape[1:]) for part, shape in zip(parts, shapes, strict=True)]
 
 
 def _cells_of(pixel: Tensor, distance: Tensor, spacing: Tensor, offsets: list[int], window: SphereWindow) -> Tensor:
-    """Return the flat cell (M,) of each point, which falls into `pixel`, at the level of its footprint."""
+    """Return the flat cell (M,) of each point, which falls into `pixel`, at the level of its footprint.
+
+    offsets: where the cells of each level start in an array of all, and how many there are.
+    """
     height, width = window.height, window.width
     # A footprint of exactly one pixel belongs to the finest level in spite of rounding.
     footprint = (0.999 * RENDERING.footprint * window.rows / math.pi) * spacing / distance.clamp_min(1e-6)
     large = (footprint > 1).nonzero()[:, 0]  # few: only near points are larger than a pixel
-    level = torch.log2(footprint[large]).ceil_().clamp_(1, max(1, len(offsets) - 1)).long()
-    if len(offsets) == 1 or not len(large):
+    coarsest = len(offsets) - 2
+    if coarsest == 0 or not len(large):
         return pixel
+    level = torch.log2(footprint[large]).ceil_().clamp_(1, coarsest).long()
     fine = pixel[large]
     column, row = fine % width, fine.div(width, rounding_mode="floor")
     view, row = row.div(height, rounding_mode="floor"), row % height
@@ -171,44 +172,36 @@ def _cells_of(pixel: Tensor, distance: Tensor, spacing: Tensor, offsets: list[in
     return cell
 
 
-def _compose_depth(nearest: Tensor, offsets: list[int], batch: int, height: int, width: int) -> Tensor:
-    """Return the smallest depth (B, H, W) over all levels."""
-    depth: Tensor | None = None
-    for k in range(len(offsets) - 1, -1, -1):
-        here = nearest[offsets[k] : offsets[k] + batch * (height >> k) * (width >> k)].view(
-            batch, height >> k, width >> k
-        )
-        depth = here if depth is None else torch.minimum(double(depth), here)
-    assert depth is not None
+def _compose_depth(levels: list[Tensor]) -> Tensor:
+    """Return the smallest depth (B, H, W) over all levels (B, h, w)."""
+    depth = levels[-1]
+    for here in reversed(levels[:-1]):
+        depth = torch.minimum(double(depth), here)
     return depth
 
 
-def _compose_color(sums: Tensor, offsets: list[int], batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
+def _compose_color(levels: list[Tensor]) -> tuple[Tensor, Tensor]:
     """Return the colour (B, H, W, C) of the finest level with a visible point, and where there is one.
+
+    levels: (B, h, w, C + 1), sums of colours and counts.
+    """
+    color, valid = _cell_colors(levels, len(levels) - 1)
+    for k in range(len(levels) - 2, -1, -1):
+        mean, seen = _cell_colors(levels, k)
+        color, valid = torch.where(seen[..., None], mean, double(color)), seen | double(valid)
+    return color, valid
+
+
+def _cell_colors(levels: list[Tensor], k: int) -> tuple[Tensor, Tensor]:
+    """Return the colours (B, h, w, C) of the cells of a level, and which have a point.
 
     A cell also counts the points written up to `fill_levels` levels below it, so that gaps of a few pixels are filled while
     windows and unscanned corners stay missing.
     """
-    own = []
-    for k, offset in enumerate(offsets):
-        h, w = height >> k, width >> k
-        own.append(sums[offset : offset + batch * h * w].view(batch, h, w, -1))
-    color: Tensor | None = None
-    valid: Tensor | None = None
-    for k in range(len(own) - 1, -1, -1):
-        here = own[k]
-        for below in range(max(0, k - RENDERING.fill_levels), k):
-            here = here + pool(own[below], k - below)
-        seen = here[..., -1] > 0
-        mean = here[..., :-1] / here[..., -1:].clamp_min(1)
-        if color is None or valid is None:
-            color, valid = mean, seen
-        else:
-            color = torch.where(seen[..., None], mean, double(color))
-            valid = seen | double(valid)
-    assert color is not None
-    assert valid is not None
-    return color, valid
+    here = levels[k]
+    for below in range(max(0, k - RENDERING.fill_levels), k):
+        here = here + pool(levels[below], k - below)
+    return here[..., :-1] / here[..., -1:].clamp_min(1), here[..., -1] > 0
 
 
 def pool(level: Tensor, halvings: int) -> Tensor:
