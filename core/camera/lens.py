@@ -73,9 +73,9 @@ def share_with_direction(camera: Camera) -> float:
     return float((np.hypot(across[:, None], down) <= reach).mean())
 
 
-def distort(camera: Camera, x: Array, y: Array, *, tangential: bool = True) -> tuple[Array, Array]:
+def distort(camera: Camera, x: Array, y: Array) -> tuple[Array, Array]:
     """Return distorted coordinates of a camera that has a distortion, all in focal lengths."""
-    p1, p2 = camera.distortion[2:4] if tangential else (0.0, 0.0)
+    p1, p2 = camera.distortion[2:4]
     square = x * x + y * y
     radial = _radial(camera, square)
     return (

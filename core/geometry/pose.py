@@ -49,9 +49,7 @@ class Pose:
         `ros` FLU; `opencv` camera x right, y down, z forward, map unchanged; `webxr` both y up, −z forward;
         `unity` left-handed, y up. Raises OptionsError for any other name.
         """
-        if frame not in _CAMERA_AXES:
-            raise OptionsError(f"frame: expected one of {', '.join(FRAMES)}, got {frame!r}")
-        camera, world = _CAMERA_AXES[frame], _MAP_AXES[frame]
+        camera, world = _axes_of(frame)
         return Pose(world @ self.rotation @ camera.T, world @ self.position)
 
     def between_worlds(self, frame: Frame) -> "Pose":
@@ -59,9 +57,7 @@ class Pose:
 
         Raises OptionsError for any other name of a frame.
         """
-        if frame not in _MAP_AXES:
-            raise OptionsError(f"frame: expected one of {', '.join(FRAMES)}, got {frame!r}")
-        world = _MAP_AXES[frame]
+        _, world = _axes_of(frame)
         return Pose(world @ self.rotation @ world.T, world @ self.position)
 
     @classmethod
@@ -70,10 +66,9 @@ class Pose:
 
         Raises OptionsError for any other name of a frame.
         """
-        if frame not in _CAMERA_AXES:
-            raise OptionsError(f"frame: expected one of {', '.join(FRAMES)}, got {frame!r}")
-        camera, world = _CAMERA_AXES[frame], _MAP_AXES[frame]
-        rotation = _matrix_of(np.asarray(quaternion_xyzw, np.float64))
+        camera, world = _axes_of(frame)
+        quaternion = np.asarray(quaternion_xyzw, np.float64)
+        rotation = matrix_from_quaternion(quaternion / np.linalg.norm(quaternion))
         return cls(world.T @ rotation @ camera, world.T @ np.asarray(position, np.float64))
 
     def after(self, first: "Pose") -> "Pose":
@@ -106,16 +101,22 @@ class Pose:
         return float(np.arctan2(r[1, 0], r[0, 0])), pitch, float(np.arctan2(r[2, 1], r[2, 2]))
 
 
-def _matrix_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
-    x, y, z, w = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
+def _axes_of(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the axes of cameras and of maps in a frame, each (3, 3). Raises OptionsError for any other name."""
+    if frame not in FRAMES:
+        raise OptionsError(f"frame: expected one of {', '.join(FRAMES)}, got {frame!r}")
+    return _CAMERA_AXES[frame], _MAP_AXES[frame]
+
+
+def matrix_from_quaternion(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) in the order x, y, z, w."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def quaternion_of(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,6 +11,8 @@ from itertools import permutations
 import torch
 from torch import Tensor
 
+from panoloc.core.geometry.pose import matrix_from_quaternion
+
 # Roots used by the spiral: φ = √2 and ψ with ψ⁴ = ψ + 4 (Alexa 2022, §3).
 _PHI = math.sqrt(2.0)
 _PSI = 1.533751168755204288118041
@@ -29,18 +31,7 @@ def uniform_rotations(count: int) -> Tensor:
     r, big_r = t.sqrt(), (1 - t).sqrt()
     alpha, beta = 2 * math.pi * s / _PHI, 2 * math.pi * s / _PSI
     quaternions = torch.stack((r * alpha.sin(), r * alpha.cos(), big_r * beta.sin(), big_r * beta.cos()), dim=-1)
-    return matrix_from_quaternion(quaternions).float()
-
-
-def matrix_from_quaternion(quaternion: Tensor) -> Tensor:
-    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) in the order x, y, z, w."""
-    x, y, z, w = quaternion.unbind(-1)
-    rows = (
-        torch.stack((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)), dim=-1),
-        torch.stack((2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)), dim=-1),
-        torch.stack((2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), dim=-1),
-    )
-    return torch.stack(rows, dim=-2)
+    return torch.from_numpy(matrix_from_quaternion(quaternions.numpy())).float()
 
 
 def rotation_from_vector(vector: Tensor) -> Tensor:

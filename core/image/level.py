@@ -11,7 +11,7 @@ from torch import Tensor
 
 _MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
 _MIN_DISTANCE_M = 0.05
-_VALID_SHARE = 0.99  # of the four pixels that a sample mixes
+VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Level:
         (a, b, c), (x, y, z) = by_point.unbind(2), in_rig[:, None].unbind(2)
         by_turn = (b * z - c * y, c * x - a * z, a * y - b * x)
         directions = torch.stack((*by_turn, -a, -b, -c, *by_focal), dim=1)
-        return SampledPoints(sampled[:, :9], directions), sampled[:, 9] > _VALID_SHARE
+        return SampledPoints(sampled[:, :9], directions), sampled[:, 9] > VALID_SHARE
 
     def _cameras(self, images: Tensor) -> Tensor:
         """Return planes (12, K, N) of the cameras that points are seen by: rotations, row by row, and centres.

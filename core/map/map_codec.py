@@ -24,7 +24,6 @@ from panoloc.core.map.map_index import INDEX_VERSION, MapIndex
 Bytes = NDArray[np.uint8]
 _MAGIC = b"PLMI"
 _STEPS_PER_SPACING = 16
-_MOST_STEPS = 1 << 30
 _COLOR_LEVELS = 64
 _PREFIX = struct.Struct("<4sHI")
 
@@ -165,8 +164,7 @@ def _quantize_positions(positions: Tensor, spacing: float) -> tuple[NDArray[np.f
     """Return the lower bound (3,), the step in metres and whole steps (N, 3); one step for all axes keeps angles."""
     points = positions.detach().cpu().numpy()
     lower = points.min(axis=0)
-    extent = float((points.max(axis=0) - lower).max())
-    step = max(spacing / _STEPS_PER_SPACING, extent / _MOST_STEPS, 1e-9)
+    step = max(spacing / _STEPS_PER_SPACING, 1e-9)
     return lower, step, np.round((points - lower) / step).astype(np.int64)
 
 

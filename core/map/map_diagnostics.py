@@ -16,7 +16,6 @@ _LEAST_SEEN = 0.1
 # Of bare white rooms, scanned, a hundredth of the points are so near the colour in the middle; bytes, and a share of all points.
 _SAME_COLOR_STEP = 8
 _SAME_COLOR_SHARE = 0.95
-_ENOUGH_POINTS = 50_000
 
 
 def map_diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) -> tuple[Diagnostic, ...]:
@@ -54,7 +53,7 @@ def _few_points(index: MapIndex) -> Diagnostic | None:
 def _hardly_any_colors(index: MapIndex, options: IndexOptions) -> Diagnostic | None:
     if options.color_kind == "labels":
         return None
-    colors = index.colors[:: max(1, index.num_points // _ENOUGH_POINTS)].cpu().numpy().astype(np.int16)
+    colors = index.colors.cpu().numpy().astype(np.int16)
     middle = np.median(colors, axis=0)
     share = float(np.mean(np.abs(colors - middle).max(axis=1) <= _SAME_COLOR_STEP))
     if share < _SAME_COLOR_SHARE:

@@ -12,7 +12,6 @@ from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.map.aliases import Aliases
 from panoloc.core.map.wall_axes import surface_thickness, wall_axes
-from panoloc.core.options import ColorKind
 from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud
 
 INDEX_VERSION = 6  # of what an index holds and means; rises with every change, so that older ones are built again
@@ -80,11 +79,6 @@ class MapIndex:
         """Return the smallest and largest coordinates, each (3,), in the scan's own frame."""
         lower, upper = self.positions.amin(0).cpu().numpy(), self.positions.amax(0).cpu().numpy()
         return lower.astype(np.float64) + self.origin_offset, upper.astype(np.float64) + self.origin_offset
-
-    @property
-    def color_kind(self) -> ColorKind:
-        """Return whether colours are light or semantic labels."""
-        return "rgb" if self.labels is None else "labels"
 
     def canonical_cloud_colors(self) -> Tensor:
         """Return point colours (N, 3) float32 in 0..1: as scanned, or the codes of the labels."""

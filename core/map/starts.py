@@ -11,6 +11,7 @@ number of starts follows the free volume instead of being fixed; starts closer t
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from panoloc.core.config import StartsConfig
@@ -154,14 +155,7 @@ def _double(grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _dilate(grid: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
     """Grow the true cells by `steps` cells along each axis."""
-    grown = grid.copy()
     for axis in range(3):
-        spread = grown.copy()
-        for shift in range(1, steps + 1):
-            ahead: list[slice] = [slice(None)] * 3
-            behind: list[slice] = [slice(None)] * 3
-            ahead[axis], behind[axis] = slice(shift, None), slice(None, -shift)
-            spread[tuple(ahead)] |= grown[tuple(behind)]
-            spread[tuple(behind)] |= grown[tuple(ahead)]
-        grown = spread
-    return grown
+        padded = np.pad(grid, [(steps, steps) if each == axis else (0, 0) for each in range(3)])
+        grid = np.asarray(sliding_window_view(padded, 2 * steps + 1, axis).any(-1))
+    return grid

@@ -5,7 +5,9 @@ import math
 import torch
 from torch import Tensor
 
-_MOST_POINTS = 500_000  # of more, some, in larger cells
+from panoloc.core.options import ScanOptions
+
+_MOST_POINTS = ScanOptions.max_points_used  # of more, some, in larger cells
 _CELL_M = 0.2
 _FEWEST_POINTS = 8  # of a cell
 _FLATNESS = 0.05  # of the variance across a cell's surface over the least along it

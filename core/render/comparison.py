@@ -13,13 +13,12 @@ from torch import Tensor
 
 from panoloc.core.features.equalization import equalize_where
 from panoloc.core.geometry.sphere_window import window_around
-from panoloc.core.image.level import Level
+from panoloc.core.image.level import VALID_SHARE, Level
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts
 from panoloc.core.render.synthetic_view import SyntheticViews, render_parts
 
 _NEAR_M = 1.0  # what an image shows is hardly nearer; parallax widens what must be drawn by no more
-_VALID_SHARE = 0.99
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ class RigView:
             in_rig = same.directions.T[:, None, near] * depth[:, near]
             sampled, ahead = self._sampled(same.level, in_rig, number)
             before = central[:, near]
-            better = valid[:, near] & (sampled[3] > _VALID_SHARE) & (ahead > before)
+            better = valid[:, near] & (sampled[3] > VALID_SHARE) & (ahead > before)
             central[:, near] = torch.where(better, ahead, before)
             image[:, near] = torch.where(better, number, image[:, near])
             color[:, :, near] = torch.where(better, sampled[:3], color[:, :, near])
@@ -130,7 +129,7 @@ class RigView:
             alone = None
             if len(pyramid) == 1:  # without parallax every pixel shows the same of the image, whatever its depth
                 sampled, _ = self._sampled(level, directions.T[:, None], 0)
-                alone = sampled[:3, 0].T.contiguous(), sampled[3, 0] > _VALID_SHARE
+                alone = sampled[:3, 0].T.contiguous(), sampled[3, 0] > VALID_SHARE
             self._same[rows] = _SameForAllPoses(directions, near, level, alone)
         return self._same[rows]
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.geometry.rotations import matrix_from_quaternion, rotation_angle
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from tests.structure import engine_counts, parameter_counts, rooms
 from tests.structure.query_walk import Called, Steps, Walk, traced
 
@@ -146,7 +146,7 @@ def test_a_trace_holds_the_calls_of_the_engine_and_none_of_others() -> None:
     pose = Pose(np.eye(3), np.zeros(3))
 
     def work() -> None:
-        rotation = matrix_from_quaternion(torch.tensor([0.0, 0.0, 0.0, 1.0]))
+        rotation = rotation_from_vector(torch.zeros(3))
         Path("nowhere").exists()
         pose_error(pose, pose)
         rotation_angle(rotation, rotation)

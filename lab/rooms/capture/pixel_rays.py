@@ -65,10 +65,10 @@ def _through_fisheye(camera: Camera, across: Array, down: Array) -> Array:
 
 
 def _undistorted(camera: Camera, across: Array, down: Array) -> tuple[Array, Array]:
-    """Return where a plane one focal length away is hit (...), each, by Newton steps from the radial inverse."""
+    """Return where a plane one focal length away is hit (...), each, by Newton steps from the inverse along a line."""
     radius = np.hypot(across, down)
     samples = np.linspace(0, min(fold_of(camera), 12.0), _SAMPLES)
-    start = _inverse(radius, samples, lambda r: distort(camera, r, np.zeros_like(r), tangential=False)[0])
+    start = _inverse(radius, samples, lambda r: distort(camera, r, np.zeros_like(r))[0])
     x, y = across * start / np.maximum(radius, 1e-12), down * start / np.maximum(radius, 1e-12)
     for _ in range(_MAX_STEPS):
         off_x, off_y = distort(camera, x, y)

@@ -29,7 +29,7 @@ def test_an_index_describes_its_scan_and_nothing_is_doubtful_about_it() -> None:
     assert index.num_starts == len(index.start_positions) == len(index.start_leaf_sizes)
     np.testing.assert_allclose(index.bounds, [(0, 0, 0), BOX.size_m], atol=0.02)
     assert 0.02 < index.spacing < 0.1
-    assert index.color_kind == "rgb"
+    assert index.labels is None
     assert (index.start_leaf_sizes > 0).all()
     assert map_diagnostics(index, IndexOptions(), index.num_points) == ()
 

@@ -72,7 +72,6 @@ def test_the_memory_of_an_index_is_that_of_its_arrays_and_of_what_a_query_adds()
 
 def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
     index, labelled = made(), made(labels=True)
-    assert (index.color_kind, labelled.color_kind) == ("rgb", "labels")
     torch.testing.assert_close(index.canonical_cloud_colors(), index.colors.float() / 255)
     torch.testing.assert_close(index.render_cloud.colors[:NUM_POINTS, :3], index.colors.float() / 255)
     expected = known(labelled.labels).codes.repeat(NUM_POINTS // 2, 1)
