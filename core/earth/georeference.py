@@ -1,4 +1,4 @@
-"""Where maps in a projected coordinate system lie on Earth: EPSG codes and WKT, by pyproj. Needs no numpy."""
+"""Places on Earth, by pyproj: of maps in a projected coordinate system (EPSG code or WKT), and earth-centred ones. Needs no numpy."""
 
 import math
 import re
@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from panoloc.core.errors import OptionsError
 
+Position = tuple[float, float, float]
 HeightReference = Literal["ellipsoid", "geoid", "unknown"]
 
 LONGEST_DEFINITION = 1 << 16
@@ -70,9 +71,7 @@ class CoordinateSystem:
         self._to_earth = Transformer.from_crs(horizontal.to_2d(), _WGS_84, always_xy=True)
         self._ellipsoid = Geod(ellps="WGS84")
 
-    def place(
-        self, position_m: tuple[float, float, float], geoid_undulation_m: float | None = None
-    ) -> EarthPlace | None:
+    def place(self, position_m: Position, geoid_undulation_m: float | None = None) -> EarthPlace | None:
         """Return where a position lies; None outside of where the system is defined.
 
         position_m: east, north and height of the grid, in metres whatever its unit. geoid_undulation_m: of the geoid
@@ -100,3 +99,22 @@ def coordinate_system(text: str) -> CoordinateSystem:
 def _heights_of(system: Any) -> HeightReference:
     """A system of three axes that is not compound has heights above its own ellipsoid."""
     return "ellipsoid" if len(system.axis_info) > 2 else "unknown"
+
+
+@lru_cache
+def _ecef_from_geodetic() -> Any:
+    from pyproj import Transformer
+
+    return Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+
+
+def ecef_of(latitude_deg: float, longitude_deg: float, height_m: float) -> Position:
+    """Return the earth-centred position in metres of a place on WGS 84. height_m: above the ellipsoid."""
+    x, y, z = _ecef_from_geodetic().transform(longitude_deg, latitude_deg, height_m)
+    return x, y, z
+
+
+def geodetic_of(ecef: Position) -> Position:
+    """Return latitude and longitude in degrees and the height above the ellipsoid in metres of an earth-centred position."""
+    longitude, latitude, height = _ecef_from_geodetic().transform(*ecef, direction="INVERSE")
+    return latitude, longitude, height

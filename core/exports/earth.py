@@ -9,9 +9,10 @@ from datetime import UTC, datetime
 from pathlib import PurePosixPath
 from typing import Any
 
+from panoloc.core.earth.geopose import EarthPose, earth_pose, grid_pose
 from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.errors import ExportRefusedError
-from panoloc.core.exports.frames import GL_FROM_FLU, EarthPose, PhotoAngles, earth_pose, photo_angles, turned_by
+from panoloc.core.exports.frames import GL_FROM_FLU, PhotoAngles, photo_angles
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, plain
 from panoloc.core.scan.file_names import distinct_names
 
@@ -153,16 +154,14 @@ def _place(tour: Tour, photo: PlacedPhoto) -> EarthPose:
     if tour.georeference is not None:
         return earth_pose(tour.georeference, pose)
     assert tour.coordinate_system is not None, "the registry of formats refuses maps without either"
-    x, y, z = pose.position.tolist()
-    found = coordinate_system(tour.coordinate_system).place((x, y, z), tour.geoid_undulation_m)
+    found = grid_pose(tour.coordinate_system, tour.geoid_undulation_m, pose)
     if found is None:
+        x, y, _ = pose.position.tolist()
         raise ExportRefusedError(
             f"expected positions inside {tour.coordinate_system[:60]}, got {photo.name} at {x:.1f}, {y:.1f}, "
             "which is outside; correct the coordinate system of the map"
         )
-    # The north of the grid is turned from true north by the convergence, as the y axis of a map by its heading.
-    enu_from_camera = turned_by(found.convergence_deg) @ pose.rotation
-    return EarthPose(found.latitude_deg, found.longitude_deg, found.height_m, enu_from_camera, found.height_reference)
+    return found
 
 
 def _time_text(tour: Tour, photo: PlacedPhoto) -> str:

@@ -1,4 +1,4 @@
-"""Axes and angles of other systems: of cameras, worlds, photographers, and the Earth (WGS 84).
+"""Axes and angles of other systems: of cameras, worlds, and photographers.
 
 Camera coordinates of ours are x forward, y left, z up; worlds have z up. A new orientation is
 `world_axes · rotation · camera_axesᵀ`. Source of the axes: the conventions of each format.
@@ -10,9 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.earth import geodesy
-from panoloc.core.earth.georeference import HeightReference
-from panoloc.core.exports.tour import Georeference
 from panoloc.core.geometry.pose import Pose, quaternion_of
 
 Matrix = NDArray[np.float64]
@@ -42,17 +39,6 @@ class PhotoAngles:
     roll_deg: float
 
 
-@dataclass(frozen=True)
-class EarthPose:
-    """A camera on Earth. height_m: above height_reference. enu_from_camera: (3, 3), east, north, up at the camera."""
-
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
-    enu_from_camera: Matrix
-    height_reference: HeightReference = "ellipsoid"
-
-
 def cam_from_world(map_from_camera: Pose) -> Pose:
     """Return the pose as reconstructions have it: from the map to a camera with axes right, down, forward."""
     rotation = CV_FROM_FLU @ map_from_camera.rotation.T
@@ -77,31 +63,3 @@ def photo_angles(rotation: Matrix) -> PhotoAngles:
     # A heading a rounding error below zero would be written as 360.
     heading = round((90.0 - math.degrees(yaw)) % 360.0, 10) % 360.0
     return PhotoAngles(heading, math.degrees(elevation), 180.0 if roll <= -math.pi else math.degrees(roll))
-
-
-def turned_by(heading_deg: float) -> Matrix:
-    """Return the rotation (3, 3) to east, north, up from axes with z up whose y axis has this compass heading."""
-    heading = math.radians(heading_deg)
-    c, s = math.cos(heading), math.sin(heading)
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def earth_pose(georeference: Georeference, map_from_camera: Pose) -> EarthPose:
-    """Return where a camera is on Earth: topocentric at the map's origin, exact on the ellipsoid (EPSG method 9837).
-
-    East, north and up are those at the camera, not at the map's origin.
-    """
-    place, axes = georeference, turned_by(georeference.heading_deg)
-    at_origin = _ecef_from_enu(place.latitude_deg, place.longitude_deg)
-    origin = np.array(geodesy.ecef_of(place.latitude_deg, place.longitude_deg, place.height_m))
-    x, y, z = (origin + at_origin @ axes @ map_from_camera.position).tolist()
-    latitude, longitude, height = geodesy.geodetic_of((x, y, z))
-    turn = _ecef_from_enu(latitude, longitude).T @ at_origin
-    return EarthPose(latitude, longitude, height, turn @ axes @ map_from_camera.rotation)
-
-
-def _ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Matrix:
-    """Return the rotation (3, 3) whose columns are east, north and up at a place."""
-    latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)
-    s, c, sl, cl = math.sin(latitude), math.cos(latitude), math.sin(longitude), math.cos(longitude)
-    return np.array([[-sl, -s * cl, c * cl], [cl, -s * sl, c * sl], [0.0, c, s]])

@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.exports.frames import CV_FROM_FLU, GL_FROM_FLU, cam_from_world, turned_by
+from panoloc.core.earth.geopose import turned_by
+from panoloc.core.exports.frames import CV_FROM_FLU, GL_FROM_FLU, cam_from_world
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, plain
 from panoloc.core.geometry.pose import Pose, quaternion_of
 from panoloc.core.options import ScanOptions

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from panoloc.core.exports.frames import earth_pose
+from panoloc.core.earth.geopose import earth_pose
 from panoloc.core.exports.tour import TIME_DECIMALS, ExportedFile, PlacedPhoto, Tour, json_file, plain, text_file
 from panoloc.core.geometry.pose import quaternion_of
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from PIL import Image
 
+from panoloc.core.earth.geopose import Georeference
 from panoloc.core.geometry.pose import Pose
 
 TIME_DECIMALS = 6
@@ -45,16 +46,6 @@ class LeftOut:
 
     name: str
     reason: str
-
-
-@dataclass(frozen=True)
-class Georeference:
-    """Where a map lies on Earth: WGS 84, its origin's height above the ellipsoid, the compass heading of its y axis."""
-
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
-    heading_deg: float
 
 
 @dataclass(frozen=True)

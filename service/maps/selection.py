@@ -3,8 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from panoloc.core.earth.geodesy import ecef_of
-from panoloc.core.earth.georeference import coordinate_system
+from panoloc.core.earth.georeference import coordinate_system, ecef_of
 from panoloc.service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.known_maps import KnownMaps, VisibleMaps

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.camera.rig import Photo
 from panoloc.core.config import ChangeConfig
-from panoloc.core.earth.geopose import MapPose, geopose_of
+from panoloc.core.earth.geopose import geopose_of
 from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_index import MapIndex
@@ -143,9 +143,7 @@ def _geopose(candidate: Candidate, job: LocalizeJob) -> GeoPose | None:
     georeference = job.georeferences.get(job.maps[candidate.map_position].id)
     if georeference is None:
         return None
-    x, y, z = candidate.pose.position.tolist()
-    yaw_deg, pitch_deg, roll_deg = (math.degrees(angle) for angle in candidate.pose.yaw_pitch_roll)
-    found = geopose_of(georeference, MapPose((x, y, z), yaw_deg, pitch_deg, roll_deg))
+    found = geopose_of(georeference, candidate.pose)
     return None if found is None else GeoPose.model_validate(found)
 
 

@@ -1,17 +1,17 @@
-"""Places and poses on Earth, against pyproj, examples of EPSG, golden numbers worked out elsewhere and the matrices of the exports."""
+"""Places and poses on Earth, against pyproj, examples of EPSG, and golden numbers worked out elsewhere."""
 
 import numpy as np
 import pytest
-from pyproj import CRS, Proj
+from pyproj import CRS, Proj, Transformer
 
-from panoloc.core.earth.geopose import MapPose, geopose_of
+from panoloc.core.earth.geopose import geopose_of
 from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.errors import OptionsError
-from panoloc.core.exports.frames import earth_pose, photo_angles
-from panoloc.core.exports.tour import Georeference
-from panoloc.core.geometry.pose import Pose, quaternion_of
+from panoloc.core.exports.frames import photo_angles
+from panoloc.core.geometry.pose import Pose
 from tests.core.exports.tours import rotation_of
 from tests.core.found_pose import known
+from tests.properties.strategies import matrix_of
 
 UTM_32 = "EPSG:25832"
 # Grid positions far from and near to the middle of their zones.
@@ -71,7 +71,13 @@ def test_positions_outside_of_a_system_have_no_place() -> None:
 
 # GeoPose.
 
-GOLDEN = MapPose((1.25, -2.5, 1.6), 52.5, 12.25, 4.75)
+
+def camera_at(position_m: tuple[float, float, float], yaw_deg: float, pitch_deg: float, roll_deg: float) -> Pose:
+    """Return `map_from_camera` turned by Rz(yaw) · Ry(pitch) · Rx(roll)."""
+    return Pose(rotation_of(90 - yaw_deg, -pitch_deg, roll_deg), np.array(position_m))
+
+
+GOLDEN = camera_at((1.25, -2.5, 1.6), 52.5, 12.25, 4.75)
 _DEGREE, _METRE = 'ANGLEUNIT["degree",0.0174532925199433]', 'LENGTHUNIT["metre",1]'
 # UTM zone 32 of ETRS89 with heights above its ellipsoid: three axes, for which EPSG has no code.
 _UTM_WITH_HEIGHTS = f"""PROJCRS["ETRS89 / UTM 32N, ellipsoidal heights",
@@ -94,34 +100,50 @@ def test_the_golden_pose_has_its_golden_geopose() -> None:
     assert [found["quaternion"][axis] for axis in "xyzw"] == pytest.approx(turned, abs=1e-9)
 
 
-def test_every_pose_in_every_turned_map_is_that_of_the_exports() -> None:
+def topocentric(place: dict[str, float]) -> Transformer:
+    """Return what takes WGS 84 (longitude and latitude in degrees, height) to metres east, north and up of a place."""
+    return Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 +step +proj=topocentric "
+        f"+ellps=WGS84 +lat_0={place['lat']:.15f} +lon_0={place['lon']:.15f} +h_0={place['h']:.9f}"
+    )
+
+
+def test_every_pose_in_every_turned_map_is_where_proj_has_it_and_its_axes_point_where_proj_has_them() -> None:
     random = np.random.default_rng(3)
-    for _ in range(100):
-        yaw, roll = random.uniform(-180, 180, 2)
+    for _ in range(30):
+        yaw, roll, heading = random.uniform(-180, 180, 3)
         pitch = random.choice([-90.0, 90.0, random.uniform(-90, 90)])
-        position = random.normal(size=3) * 300
-        place = Georeference(*random.uniform([-89, -180, -50, 0], [89, 180, 3000, 360]))
-        found = known(geopose_of(vars(place), MapPose(tuple(position), yaw, pitch, roll)))
-        expected = earth_pose(place, Pose(rotation_of(90 - yaw, -pitch, roll), position))
-        at = [expected.latitude_deg, expected.longitude_deg, expected.height_m]
-        assert list(found["position"].values()) == pytest.approx(at, abs=1e-6)
+        origin = dict(zip(("lat", "lon", "h"), random.uniform([-89, -180, -50], [89, 180, 3000]).tolist(), strict=True))
+        camera = camera_at(tuple(random.normal(size=3) * 300), yaw, pitch, roll)
+        georeference = {"latitude_deg": origin["lat"], "longitude_deg": origin["lon"], "height_m": origin["h"]}
+        found = known(geopose_of({**georeference, "heading_deg": heading}, camera))
+        # The camera, and a metre along each of its axes: turned clockwise by the heading, then taken from there to here by PROJ.
+        angle = np.radians(-heading)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        points = turn @ np.column_stack((camera.position, camera.position[:, None] + camera.rotation))
+        longitude, latitude, height = topocentric(origin).transform(
+            points[0], points[1], points[2], direction="INVERSE"
+        )
+        assert list(found["position"].values()) == pytest.approx([latitude[0], longitude[0], height[0]], abs=1e-6)
+        here = np.array(topocentric(found["position"]).transform(longitude, latitude, height))
+        np.testing.assert_allclose(here[:, 0], 0, atol=0.001)
         quaternion = np.array([found["quaternion"][axis] for axis in "xyzw"])
-        assert abs(quaternion @ quaternion_of(expected.enu_from_camera)) == pytest.approx(1, abs=1e-12)
+        np.testing.assert_allclose(matrix_of(quaternion), here[:, 1:] - here[:, :1], atol=1e-6)
         assert quaternion[3] >= 0
 
 
 @pytest.mark.parametrize("system", ["EPSG:25832", "EPSG:25832+7837"])
 def test_heights_above_the_geoid_are_raised_by_its_undulation(system: str) -> None:
-    pose = MapPose((640_000.0, 5_320_000.0, 412.0), 30.0, -5.0, 2.0)
+    pose = camera_at((640_000.0, 5_320_000.0, 412.0), 30.0, -5.0, 2.0)
     found = known(geopose_of({"coordinate_system": system, "geoid_undulation_m": 46.2}, pose))
     # By PROJ: echo 640000 5320000 458.2 | cs2cs EPSG:25832 EPSG:4979
     assert list(found["position"].values()) == pytest.approx([48.017943985, 10.877474808, 458.2], abs=2e-9)
-    ellipsoidal = MapPose((640_000.0, 5_320_000.0, 458.2), 30.0, -5.0, 2.0)
+    ellipsoidal = camera_at((640_000.0, 5_320_000.0, 458.2), 30.0, -5.0, 2.0)
     assert found == geopose_of({"coordinate_system": _UTM_WITH_HEIGHTS}, ellipsoidal)
 
 
 def test_a_grid_is_turned_by_its_convergence_and_heights_have_to_be_ellipsoidal() -> None:
-    pose = MapPose((640_000.0, 5_320_000.0, 412.0), 90.0, 0.0, 0.0)
+    pose = camera_at((640_000.0, 5_320_000.0, 412.0), 90.0, 0.0, 0.0)
     assert geopose_of({"coordinate_system": "EPSG:25832"}, pose) is None  # of unknown height
     assert geopose_of({"coordinate_system": "EPSG:25832+7837"}, pose) is None  # above the geoid
     found = known(geopose_of({"coordinate_system": _UTM_WITH_HEIGHTS, "geoid_undulation_m": 46.2}, pose))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from panoloc.core.exports.frames import earth_pose
+from panoloc.core.earth.geopose import earth_pose
 from panoloc.core.exports.robots import RADIUS_PER_SIGMA
 from panoloc.core.geometry.pose import quaternion_of
 from panoloc.core.options import ExportFormat

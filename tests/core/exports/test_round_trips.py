@@ -7,9 +7,9 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from panoloc.core.earth.geopose import Georeference, earth_pose
 from panoloc.core.exports.formats import EXPORTERS
-from panoloc.core.exports.frames import earth_pose
-from panoloc.core.exports.tour import Georeference, Tour
+from panoloc.core.exports.tour import Tour
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from tests.core.exports.readers import READERS
 from tests.core.exports.tours import turned_tour, written

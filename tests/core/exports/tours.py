@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from panoloc.core.earth.geopose import Georeference
 from panoloc.core.exports.formats import export
-from panoloc.core.exports.tour import Georeference, PlacedPhoto, Tour
+from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import ExportFormat
 
