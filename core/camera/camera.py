@@ -16,14 +16,8 @@ _MAX_SIDE_PX = 65_535
 _MAX_ASPECT_ERROR = (
     0.01  # between an upload and the image that the intrinsics belong to: a row more or less of a small copy
 )
-MAX_HFOV_DEG = {
-    "pinhole": 170.0,
-    "opencv": 170.0,
-    "opencv_fisheye": 360.0,
-    "cylindrical": 360.0,
-    "equirectangular": 360.0,
-}
-"""Degrees across that a model can show; a pinhole's image would be infinite at 180."""
+MAX_HFOV_DEG = {"pinhole": 170.0, "opencv": 170.0}
+"""Degrees across that a model can show, 360 where it is not named; a pinhole's image would be infinite at 180."""
 _MOST_FOCAL_LENGTHS = 2 * math.tan(math.radians(MAX_HFOV_DEG["pinhole"] / 2)) * 1.001  # that a pinhole's image is wide
 # Of what is searched: every step of the focal length is a search of its own.
 MIN_UNKNOWN_HFOV_DEG, MAX_UNKNOWN_HFOV_DEG = 20.0, 120.0

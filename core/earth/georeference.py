@@ -29,7 +29,7 @@ class EarthPlace:
     """A place on WGS 84. height_m: above what height_reference says.
 
     convergence_deg: from true north clockwise to the north of the grid, so that true heading = grid heading +
-    convergence. scale: length in the grid over length on the ellipsoid.
+    convergence.
     """
 
     latitude_deg: float
@@ -37,7 +37,6 @@ class EarthPlace:
     height_m: float
     height_reference: HeightReference
     convergence_deg: float
-    scale: float
 
 
 class CoordinateSystem:
@@ -82,12 +81,11 @@ class CoordinateSystem:
         ahead = self._to_earth.transform(east, north + _STEP)
         if not all(math.isfinite(value) for value in (longitude, latitude, *ahead)):
             return None
-        azimuth, _, length = self._ellipsoid.inv(longitude, latitude, *ahead)
+        azimuth, _, _ = self._ellipsoid.inv(longitude, latitude, *ahead)
         height, reference = position_m[2], self.heights
         if reference != "ellipsoid" and geoid_undulation_m is not None:
             height, reference = height + geoid_undulation_m, "ellipsoid"
-        scale = _STEP * self.metres_per_unit / length
-        return EarthPlace(latitude, longitude, height, reference, azimuth, scale)
+        return EarthPlace(latitude, longitude, height, reference, azimuth)
 
 
 @lru_cache(maxsize=64)

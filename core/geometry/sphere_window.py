@@ -71,11 +71,15 @@ class SphereWindow:
 
     def pixels_towards(self, directions: Tensor) -> tuple[Tensor, Tensor]:
         """Return the number (...) of the pixel that shows each direction (..., 3), 0 outside, and which of them are inside."""
-        u, v = project(directions, self.rows, 2 * self.rows)
-        row, column = v.long().clamp(0, self.rows - 1), u.long().clamp(0, 2 * self.rows - 1)
-        row, column = row - self.first_row, column - self.first_column
+        pixel, inside = self.pixels_at(*project(directions, self.rows, 2 * self.rows))
+        return torch.where(inside, pixel, 0), inside
+
+    def pixels_at(self, u: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the number (...) of the pixel at coordinates (...) of the sphere, which means nothing outside, and which are inside."""
+        row = v.long().clamp_(0, self.rows - 1) - self.first_row
+        column = u.long().clamp_(0, 2 * self.rows - 1) - self.first_column
         inside = (row >= 0) & (row < self.height) & (column >= 0) & (column < self.width)
-        return torch.where(inside, row * self.width + column, 0), inside
+        return row * self.width + column, inside
 
     def on_sphere(self, image: Tensor, missing: float = 0.0) -> Tensor:
         """Return an image (K, S, ...) of the window as one of the whole sphere, `missing` elsewhere."""

@@ -137,14 +137,10 @@ class Crop:
     height: int
 
 
-_CROP_FIELDS = {
-    "full_width": "FullPanoWidthPixels",
-    "full_height": "FullPanoHeightPixels",
-    "left": "CroppedAreaLeftPixels",
-    "top": "CroppedAreaTopPixels",
-    "width": "CroppedAreaImageWidthPixels",
-    "height": "CroppedAreaImageHeightPixels",
-}
+_CROP_FIELDS = (  # in the order of `Crop`
+    *("FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels"),
+    *("CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels"),
+)
 
 
 def crop_fields(image: Image.Image, data: bytes) -> Crop | None:
@@ -154,13 +150,11 @@ def crop_fields(image: Image.Image, data: bytes) -> Crop | None:
     """
     packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or _find_xmp(data)
     text = packet.decode("utf-8", "replace") if isinstance(packet, bytes) else str(packet or "")
-    values = {}
-    for name, field in _CROP_FIELDS.items():
-        match = re.search(rf"GPano:{field}\s*(?:=\s*[\"']|>)\s*(\d{{1,7}})", text)
-        if match is None:
-            return None
-        values[name] = int(match[1])
-    crop = Crop(**values)
+    written = [re.search(rf"GPano:{field}\s*(?:=\s*[\"']|>)\s*(\d{{1,7}})", text) for field in _CROP_FIELDS]
+    values = [int(match[1]) for match in written if match is not None]
+    if len(values) < len(written):
+        return None
+    crop = Crop(*values)
     if (crop.width, crop.height) == (crop.full_width, crop.full_height):
         return None
     fits = crop.left + crop.width <= crop.full_width and crop.top + crop.height <= crop.full_height

@@ -114,12 +114,11 @@ def drawn_points(cloud: RenderCloud, centers: Tensor, window: SphereWindow, part
         spacings.append(torch.full((len(points[-1]),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
     number, view, relative, spacing = torch.cat(points), torch.cat(views), torch.cat(places, dim=1), torch.cat(spacings)
     u, v = project(relative.T, window.rows, 2 * window.rows)
-    row = v.long().clamp_(0, window.rows - 1) - window.first_row
-    column = u.long().clamp_(0, 2 * window.rows - 1) - window.first_column
-    pixel = (view * window.height + row) * window.width + column
+    pixel, inside = window.pixels_at(u, v)
+    pixel += view * (window.height * window.width)
     if window.is_whole:
         return DrawnPoints(number, relative, u, v, pixel, spacing)
-    inside = ((row >= 0) & (row < window.height) & (column >= 0) & (column < window.width)).nonzero()[:, 0]
+    inside = inside.nonzero()[:, 0]
     number, u, v, pixel, spacing = (part.index_select(0, inside) for part in (number, u, v, pixel, spacing))
     return DrawnPoints(number, relative.index_select(1, inside), u, v, pixel, spacing)
 
