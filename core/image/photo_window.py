@@ -29,26 +29,27 @@ FINEST_PX_PER_RAD = LARGEST_STEP * FINEST_ROWS / math.pi
 """Focal length, in pixels, beyond which nothing of a photo is lost when it is made smaller."""
 
 
-def rig_on_sphere(rig: Rig) -> tuple[Panorama, Pose]:
+def rig_on_sphere(rig: Rig, most_rows: int | None = None) -> tuple[Panorama, Pose]:
     """Return one panorama of all images, as if all had been taken from one place, and session_from_panorama.
 
     Its axes are those of the session, its place is the middle of the cameras; where images overlap, the one whose middle is nearest is
-    shown. For pictures, and for whatever needs no more.
+    shown. It has the rows of the finest image, or `most_rows`. For pictures, and for whatever needs no more.
     """
-    photos = rig.photos
-    rows = max(p.camera.height_px if p.camera.is_whole_sphere else _rows_of(p.camera, FINEST_ROWS) for p in photos)
-    sphere = SphereWindow.of_sphere(rows)
+    cameras = [photo.camera for photo in rig.photos]
+    rows = max(each.height_px if each.is_whole_sphere else _rows_of(each, FINEST_ROWS) for each in cameras)
+    rows = rows if most_rows is None else min(rows, most_rows)
+    only = rig.photos[0]
     if (
-        len(photos) == 1
-        and photos[0].camera.is_whole_sphere
+        len(cameras) == 1
+        and only.camera.is_whole_sphere
         and np.allclose(rig.images[0].session_from_camera.rotation, np.eye(3))
     ):
-        whole = resized_image(photos[0].color, photos[0].valid, (2 * rows, rows))
-        return Panorama(*whole, rig.left_out), rig.session_from_rig
-    color, valid = np.zeros((rows, 2 * rows, 3), np.uint8), np.zeros((rows, 2 * rows), np.bool_)
+        return Panorama(*resized_image(only.color, only.valid, (2 * rows, rows)), only.left_out), rig.session_from_rig
+    sphere = SphereWindow.of_sphere(rows).grid()
+    color, valid = np.zeros(sphere.shape, np.uint8), np.zeros(sphere.shape[:2], np.bool_)
     best = np.full(valid.shape, -2.0)
     for image in rig.images:
-        directions = sphere.grid() @ image.session_from_camera.rotation
+        directions = sphere @ image.session_from_camera.rotation
         found, seen = image_towards(image.photo, directions, rows)
         better = seen & (directions[..., 0] > best)
         color[better], valid[better], best[better] = found[better], True, directions[..., 0][better]

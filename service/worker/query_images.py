@@ -1,13 +1,10 @@
 """Decodes the images of a query into a rig."""
 
-import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import numpy as np
 import torch
-from PIL import Image
 
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig, RigImage
@@ -20,7 +17,7 @@ from panoloc.core.options import Frame, SessionOptions, TrackedPose
 from panoloc.core.results import Localization
 from panoloc.service.jobs import QueryImage
 
-_DRAWN_PX_PER_RAD = 512 / math.pi  # pictures are 1024 pixels for a full turn
+_DRAWN_ROWS = 512  # pictures are 1024 pixels for a full turn
 
 
 def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptions, max_pixels: int) -> Rig:
@@ -49,22 +46,10 @@ def as_found(rig: Rig, found: Localization) -> Rig:
 
 def shown_on_sphere(rig: Rig, found: Localization) -> tuple[Panorama, Localization]:
     """Return all images on one sphere, and the result with the pose of that sphere as its best, for pictures."""
-    images = tuple(replace(image, photo=_as_drawn(image.photo)) for image in rig.images)
-    sphere, session_from_sphere = rig_on_sphere(replace(rig, images=images))
+    sphere, session_from_sphere = rig_on_sphere(rig, _DRAWN_ROWS)
     if found.best is None or found.map_from_session is None:
         return sphere, found
     return sphere, replace(found, best=replace(found.best, pose=found.map_from_session.after(session_from_sphere)))
-
-
-def _as_drawn(photo: Photo) -> Photo:
-    """Return the photo at the resolution of the pictures; drawing 32 frames at full size takes seconds."""
-    factor = int(min(photo.camera.fx_px, photo.camera.fy_px) / _DRAWN_PX_PER_RAD)
-    if factor < 2:
-        return photo
-    size = max(1, photo.camera.width_px // factor), max(1, photo.camera.height_px // factor)
-    color = Image.fromarray(photo.color).resize(size, Image.Resampling.BOX)
-    valid = Image.fromarray(photo.valid).resize(size, Image.Resampling.NEAREST)
-    return Photo(np.asarray(color), np.asarray(valid), photo.camera.resized(*size))
 
 
 def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Photo]:
