@@ -26,6 +26,7 @@ _MAGIC = b"PLMI"
 _STEPS_PER_SPACING = 16
 _COLOR_LEVELS = 64
 _PREFIX = struct.Struct("<4sHI")
+_DAMAGE = (LookupError, ValueError, TypeError, RuntimeError, OverflowError, AttributeError, SyntaxError, zlib.error)
 
 
 def encode_map_index(index: MapIndex) -> bytes:
@@ -66,18 +67,6 @@ def encode_map_index(index: MapIndex) -> bytes:
 
 def decode_map_index(data: bytes, device: torch.device | str = "cpu") -> MapIndex:
     """Return the index of bytes made by `encode_map_index`. Raises IndexFormatError for anything else."""
-    header, arrays = _read(data)
-    try:
-        index = _assemble(header, arrays)
-        _check_fit(index)
-        return index.to(device)
-    except (KeyError, ValueError, TypeError, RuntimeError, OverflowError, AttributeError, IndexError) as error:
-        raise IndexFormatError(
-            f"map index: its arrays do not fit together ({error}); build it again from the scan"
-        ) from error
-
-
-def _read(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
     if len(data) < _PREFIX.size:
         raise IndexFormatError(
             f"map index: expected at least {_PREFIX.size} bytes, got {len(data)}; build it again from the scan"
@@ -89,18 +78,26 @@ def _read(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
         )
     try:
         header = json.loads(data[_PREFIX.size : _PREFIX.size + length])
-        body = zlib.decompress(data[_PREFIX.size + length :])
-        arrays, offset = {}, 0
-        for entry in header["arrays"]:
-            dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
-            count = int(np.prod(shape, dtype=np.int64))
-            arrays[entry["name"]] = np.frombuffer(body, dtype, count, offset).reshape(shape)
-            offset += count * dtype.itemsize
-        if offset != len(body):
-            raise ValueError(f"expected {offset} bytes of arrays, got {len(body)}")
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError, SyntaxError, zlib.error) as error:
-        raise IndexFormatError(f"map index: the bytes are damaged ({error}); build it again from the scan") from error
-    return header, arrays
+        index = _assemble(header, _arrays(header["arrays"], zlib.decompress(data[_PREFIX.size + length :])))
+        _check_fit(index)
+        return index.to(device)
+    except _DAMAGE as error:
+        raise IndexFormatError(
+            f"map index: the bytes are damaged, or its arrays do not fit together ({error}); build it again from the scan"
+        ) from error
+
+
+def _arrays(entries: list[dict[str, Any]], body: bytes) -> dict[str, NDArray[np.generic]]:
+    """Return the arrays by their names. Raises what damage of a header leads to."""
+    arrays, offset = {}, 0
+    for entry in entries:
+        dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
+        count = int(np.prod(shape, dtype=np.int64))
+        arrays[entry["name"]] = np.frombuffer(body, dtype, count, offset).reshape(shape)
+        offset += count * dtype.itemsize
+    if offset != len(body):
+        raise ValueError(f"expected {offset} bytes of arrays, got {len(body)}")
+    return arrays
 
 
 def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) -> MapIndex:
