@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL.ImageFile import ImageFile
 
 from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.panorama import Panorama
@@ -23,7 +23,6 @@ from panoloc.core.image.image_file import (
     decode,
     place_crop,
     read_mask,
-    reduced,
 )
 from panoloc.core.image.image_header import IMAGE, open_image
 from panoloc.core.image.invalid_regions.finding import find_missing
@@ -84,8 +83,7 @@ def read_image(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"
         )
     factor = image.size[1] // (FINEST_ROWS // 2)  # nothing looks at a panorama as closely as at a photo
-    _draft(image, factor)
-    pixels = reduced(decode(image, IMAGE), factor)
+    pixels = decode(image, IMAGE, factor=factor)
     if crop is None and pixels.size[0] != 2 * pixels.size[1]:  # a pixel off, or halved from an odd number of rows
         pixels = pixels.resize((2 * pixels.size[1], pixels.size[1]))
     color, valid = color_and_alpha(pixels)
@@ -94,22 +92,15 @@ def read_image(
     return Photo.of_panorama(Panorama(color, *_counting(color, _masked(valid, mask, max_pixels), valid, True)))
 
 
-def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Photo:
+def _photo(image: ImageFile, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Photo:
     """Decode a photo, no larger than it says anything."""
     factor = int(min(camera.fx_px, camera.fy_px) / FINEST_PX_PER_RAD)
-    _draft(image, factor)
-    color, valid = color_and_alpha(reduced(decode(image, IMAGE, turned=not as_stored), factor))
+    color, valid = color_and_alpha(decode(image, IMAGE, turned=not as_stored, factor=factor))
     camera = camera.resized(valid.shape[1], valid.shape[0])
     valid, left_out = _counting(color, _masked(valid, mask, max_pixels), valid, camera.is_whole_sphere)
     photo = Photo(color, valid, camera, left_out)
     check_share(photo)
     return photo
-
-
-def _draft(image: Image.Image, factor: int) -> None:
-    """Let a JPEG be decoded at a fraction of its size, which is several times faster."""
-    if image.format == "JPEG" and factor > 1:
-        image.draft("RGB", (max(1, image.size[0] // factor), max(1, image.size[1] // factor)))
 
 
 def _masked(valid: NDArray[np.bool_], mask: bytes | None, max_pixels: int) -> NDArray[np.bool_]:

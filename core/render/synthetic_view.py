@@ -58,15 +58,13 @@ class SyntheticViews:
         if parts is None or window.is_whole:
             return self
         sphere = SphereWindow.of_sphere(window.rows)
-
-        def padded(image: Tensor, missing: float) -> Tensor:
-            """Return an image (B, h, w, ...) of the window as one of the sphere."""
-            whole = window.on_sphere(image.flatten(1, 2), missing)
-            return whole.view(len(image), sphere.height, sphere.width, *image.shape[3:])
-
-        point = padded(self.point, -1) if len(self.point) else self.point
-        images = padded(self.color, 0.0), padded(self.depth, math.inf), padded(self.valid, False), point
-        return SyntheticViews(*images, replace(parts, window=sphere))
+        color, depth, valid, point = (
+            window.on_sphere(image.flatten(1, 2), missing).view(-1, sphere.height, sphere.width, *image.shape[3:])
+            if len(image)
+            else image
+            for image, missing in ((self.color, 0.0), (self.depth, math.inf), (self.valid, False), (self.point, -1))
+        )
+        return SyntheticViews(color, depth, valid, point, replace(parts, window=sphere))
 
 
 def num_levels(height: int) -> int:
