@@ -17,15 +17,15 @@ from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.errors import OptionsError, PanoramaUnusableError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.sphere_window import SphereWindow
-from panoloc.core.image.image_on_sphere import LARGEST_STEP, image_towards, resized_image
 
 FINEST_ROWS = 1024  # of the sphere on which photos are looked at
+_LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
 EXTENT_ROWS = 128  # of the sphere on which the extent of a photo is looked for
 _COARSEST_ROWS = 16  # windows begin and end at whole pixels of a sphere of so many rows
 _MIN_SIDE = 16  # pixels
 _MIN_WITH_DIRECTION = 0.5  # of a photo; of real lenses nearly all of it has one
 _MIN_SHARE = 0.001  # of the sphere; what shows less says nothing about where it was taken
-FINEST_PX_PER_RAD = LARGEST_STEP * FINEST_ROWS / math.pi
+FINEST_PX_PER_RAD = _LARGEST_STEP * FINEST_ROWS / math.pi
 """Focal length, in pixels, beyond which nothing of a photo is lost when it is made smaller."""
 
 
@@ -44,13 +44,13 @@ def rig_on_sphere(rig: Rig, most_rows: int | None = None) -> tuple[Panorama, Pos
         and only.camera.is_whole_sphere
         and np.allclose(rig.images[0].session_from_camera.rotation, np.eye(3))
     ):
-        return Panorama(*resized_image(only.color, only.valid, (2 * rows, rows)), only.left_out), rig.session_from_rig
+        return Panorama(*_resized(only.color, only.valid, (2 * rows, rows)), only.left_out), rig.session_from_rig
     sphere = SphereWindow.of_sphere(rows).grid()
     color, valid = np.zeros(sphere.shape, np.uint8), np.zeros(sphere.shape[:2], np.bool_)
     best = np.full(valid.shape, -2.0)
     for image in rig.images:
         directions = sphere @ image.session_from_camera.rotation
-        found, seen = image_towards(image.photo, directions, rows)
+        found, seen = _image_towards(image.photo, directions, rows)
         better = seen & (directions[..., 0] > best)
         color[better], valid[better], best[better] = found[better], True, directions[..., 0][better]
     return Panorama(color, valid, rig.left_out), rig.session_from_rig
@@ -125,12 +125,12 @@ def photo_on_window(photo: Photo, max_rows: int, is_labels: bool) -> PhotoOnWind
     rows = _rows_of(photo.camera, max_rows)
     if photo.camera.is_whole_sphere:
         sphere = SphereWindow.of_sphere(rows)
-        return PhotoOnWindow(*resized_image(photo.color, photo.valid, (2 * rows, rows), is_labels), sphere, math.pi)
+        return PhotoOnWindow(*_resized(photo.color, photo.valid, (2 * rows, rows), is_labels), sphere, math.pi)
     shown = project_to_image(photo.camera, _directions())[2]
     window = _extent(shown).at(rows)
     ahead = _directions()[..., 0][shown]
     cone = math.pi if not len(ahead) else min(math.pi, math.acos(float(ahead.min())) + math.pi / EXTENT_ROWS)
-    return PhotoOnWindow(*image_towards(photo, window.grid(), rows, is_labels), window, cone)
+    return PhotoOnWindow(*_image_towards(photo, window.grid(), rows, is_labels), window, cone)
 
 
 def _extent(shown: NDArray[np.bool_]) -> SphereWindow:
@@ -145,3 +145,74 @@ def _extent(shown: NDArray[np.bool_]) -> SphereWindow:
         bounds.append((first, last - first))
     (row, height), (column, width) = bounds
     return SphereWindow(_COARSEST_ROWS, row, column, height, width)
+
+
+def _image_towards(
+    photo: Photo, directions: NDArray[np.float64], rows: int, is_labels: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the colours (h, w, 3) that a photo shows in directions (h, w, 3), and where it shows them (h, w).
+
+    rows: of a sphere as fine as the directions. A finer photo is averaged down first, so that no pixel is skipped; labels are picked.
+    """
+    color, valid, camera = photo.color, photo.valid, photo.camera
+    factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / _LARGEST_STEP)
+    if factor > 1 and not is_labels:  # of labels an average means nothing
+        size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
+        (color, valid), camera = _resized(color, valid, size), camera.resized(*size)
+    return _sampled(color, valid, *project_to_image(camera, directions), nearest=is_labels)
+
+
+def _resized(
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], size: tuple[int, int], is_labels: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return an image (h, w, 3) and its validity (h, w) at another `size`, width and height: averaged, or of labels picked."""
+    if size == valid.shape[::-1]:
+        return color, valid
+    if is_labels:
+        rows, columns = (np.arange(side) * given // side for side, given in zip(size[::-1], valid.shape, strict=True))
+        return color[rows][:, columns], valid[rows][:, columns]
+    if bool(valid.all()):
+        return _averaged(color, size), np.ones(size[::-1], np.bool_)
+    # Masked pixels must not bleed into their neighbours: their average is taken out again.
+    share = _averaged(valid.astype(np.uint8) * 255, size).astype(np.float32) / 255
+    mean = _averaged(color * valid[..., None], size).astype(np.float32)
+    small = np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8)
+    return small, share > 0.99
+
+
+def _averaged(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return an image (h, w) or (h, w, 3) of `size`, its width and height, each pixel the average of those that it covers."""
+    from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
+
+    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
+
+
+def _sampled(
+    color: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    u: NDArray[np.float64],
+    v: NDArray[np.float64],
+    shown: NDArray[np.bool_],
+    nearest: bool = False,
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the colours (H, W, 3) at pixel coordinates (H, W) where `shown`, and where all that is mixed is valid (H, W).
+
+    Bilinearly, or those of the nearest pixels, as labels need them.
+    """
+    height, width = valid.shape
+    if nearest:
+        at = np.clip(v.astype(np.int64), 0, height - 1), np.clip(u.astype(np.int64), 0, width - 1)
+        return color[at] * shown[..., None], valid[at] & shown
+    at_u, at_v = u[shown] - 0.5, v[shown] - 0.5
+    left = np.clip(np.floor(at_u), 0, max(width - 2, 0)).astype(np.int64)
+    top = np.clip(np.floor(at_v), 0, max(height - 2, 0)).astype(np.int64)
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    across = np.clip(at_u - left, 0, 1).astype(np.float32)[:, None]
+    down = np.clip(at_v - top, 0, 1).astype(np.float32)[:, None]
+    upper = color[top, left] * (1 - across) + color[top, right] * across
+    lower = color[bottom, left] * (1 - across) + color[bottom, right] * across
+    sampled = np.zeros((*u.shape, 3), np.uint8)
+    sampled[shown] = (upper * (1 - down) + lower * down + 0.5).astype(np.uint8)
+    seen = shown.copy()
+    seen[shown] = valid[top, left] & valid[top, right] & valid[bottom, left] & valid[bottom, right]
+    return sampled, seen
