@@ -46,6 +46,12 @@ def test_a_copy_of_its_shape_is_taken_for_all_of_the_photo_and_one_of_another_si
     ] * is_told
 
 
+def test_a_large_photo_that_is_decoded_smaller_is_not_taken_for_a_copy() -> None:
+    found = read_image(photo_file(picture(4032, 3024), focal_mm=26, taken=(4032, 3024)))
+    assert found.camera.width_px < 4032
+    assert found.left_out == ()
+
+
 def test_of_a_crop_whose_camera_is_told_nobody_asks_what_it_was_before() -> None:
     cut = photo_file(picture(900, 600), focal_mm=26, taken=(4032, 3024))
     camera = CameraDescription("pinhole", 900, 600, fx_px=700.0, cx_px=200.0, cy_px=300.0)
