@@ -1,17 +1,16 @@
 """Tours with known poses: the golden one of the formats, and many turned every way."""
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from panoloc.core.exports.formats import export
 from panoloc.core.exports.tour import Georeference, PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import ExportFormat
+from tests.core.image.picture_files import encoded
 
 WIDTH, HEIGHT = 2048, 1024
 GEOREFERENCE = Georeference(47.7, -122.3, 11.5, 0.0)
@@ -38,9 +37,7 @@ GOLDEN = Pose(rotation_of(37.5, -12.25, 4.75), np.array([1.25, -2.5, 1.6]))
 def jpeg(width: int = 64, height: int = 32) -> bytes:
     """Return a small picture."""
     ramp = np.linspace(0, 255, width * height * 3).reshape(height, width, 3)
-    out = io.BytesIO()
-    Image.fromarray(ramp.astype(np.uint8)).save(out, "JPEG")
-    return out.getvalue()
+    return encoded(ramp.astype(np.uint8), "JPEG")
 
 
 def golden_tour(folder: Path | None = None, georeference: Georeference | None = GEOREFERENCE) -> Tour:

@@ -11,6 +11,7 @@ import pytest
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanTooLargeError
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan.reading import read_scan
+from tests.core.image.picture_files import encoded
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import assert_mixed, assert_painted, colored_quad, glb, glb_of
 from tests.core.scan.scan_files import codes_of, put, read
@@ -72,17 +73,11 @@ def test_transparent_parts_of_a_texture_are_no_surface() -> None:
 
 def textured_quad(alpha_mode: str) -> tuple[dict[str, Any], bytes]:
     """A floor whose left half, by texture, is clear and whose right half is red above (small y) and blue below."""
-    import io
-
-    from PIL import Image
-
     pixels = np.zeros((8, 8, 4), np.uint8)
     pixels[:4, :, 0], pixels[4:, :, 2], pixels[:, 4:, 3] = 255, 255, 255
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG")
     document, binary = colored_quad()
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], "<f4").tobytes()
-    picture = buffer.getvalue()
+    picture = encoded(pixels)
     document["meshes"][0]["primitives"][0] = {
         "attributes": {"POSITION": 0, "TEXCOORD_0": 3},
         "indices": 2,
