@@ -150,6 +150,7 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:invalid value")  # of what is not finite
 @pytest.mark.parametrize("kind", BROKEN)
 def test_a_broken_gltf_is_refused_with_the_reason(kind: str) -> None:
     changes, said = BROKEN[kind]
