@@ -24,6 +24,7 @@ pytestmark = pytest.mark.integration
 
 _WIDTH, _HEIGHT, _HFOV_DEG = 480, 360, 100.0
 _ARM_M = 0.1
+PICTURES = ["score_map_2d", "score_map_3d", "overlay"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class TrackedFrames:
         focal_px = _WIDTH / 2 / math.tan(math.radians(_HFOV_DEG) / 2)
         lens = {"model": "pinhole", "width_px": _WIDTH, "height_px": _HEIGHT, "fx_px": focal_px}
         cameras = [{**lens, "session_from_camera": _as_sent(pose)} for pose in self.session_from_camera]
-        return json.dumps({"frame": "webxr", "cameras": cameras, "session": {"up": "known"}})
+        asked = {"frame": "webxr", "cameras": cameras, "session": {"up": "known"}, "artifacts": PICTURES}
+        return json.dumps(asked)
 
 
 @cache
@@ -161,11 +163,9 @@ def test_a_picture_that_shows_nothing_of_the_place_is_not_localized(
     assert reply.json()["map_from_session"] is None
 
 
-def test_the_pictures_of_a_session_are_drawn(service: RunningService, map_id: str) -> None:
-    options = json.loads(tracked_frames().options) | {"artifacts": ["score_map_2d", "score_map_3d", "overlay"]}
-    answer = service.localize(tracked_frames().images, map_id, json.dumps(options)).json()
+def test_the_pictures_of_a_session_are_drawn(service: RunningService, answer: dict[str, Any]) -> None:
     pictures = {name: fetched(service, path) for name, path in answer["artifacts"].items()}
-    assert {name: each.shape[1] for name, each in pictures.items()} == dict.fromkeys(options["artifacts"], 1024)
+    assert {name: each.shape[1] for name, each in pictures.items()} == dict.fromkeys(PICTURES, 1024)
     upper, lower = np.split(pictures["overlay"], [512])
     shown = (upper != upper[0, 0]).any(axis=2)  # the zenith is in no image
     # The images stand above the scan as it looks from there: what both show has the same colours.

@@ -195,7 +195,8 @@ def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
     place: Panoloc, panoloc: Panoloc, fake: FakeService, photos: Path, out: Path, tmp_path: Path
 ) -> None:
     fake.answers = {"is hall.jpg": {**answer_with("localized"), "map_id": "map_2"}}
-    assert panoloc("place", photos, "--tag", "house", "--out", out).code == 0
+    assert panoloc("place", photos, "--tag", "house", "--out", out, "--export", "tum").code == 0
+    assert (out / "map_2" / "tum").is_dir()
     assert sorted(path.name for path in out.glob("*.*g")) == ["contact-sheet.jpg", "plan-map_1.png", "plan-map_2.png"]
     # None of them is taken for a photo, and nothing is drawn in a map where no photo was found.
     fake.answers, fake.answer = {}, answer_with("not_localized")
