@@ -1,6 +1,6 @@
 """A painted box as a file of every kind: registered, a panorama of it is found where it was taken.
 
-As an OBJ with its textures it is in `tests/integration/one_service/test_kinds_of_scans.py`.
+OVER_HTTP is in `tests/integration/one_service/test_kinds_of_scans.py`.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.built_maps import BOX, POSE, panorama
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.scan.mesh_files import glb_of, zip_of
+from tests.core.scan.mesh_files import glb_of, obj_files, zip_of
 from tests.core.scan.scan_files import read, splat_ply, station_text
 
 
@@ -45,16 +45,18 @@ def two_scans_of(box: PaintedBox) -> bytes:
     return zip_of({f"half {number}.ply": encode_ply(half) for number, half in enumerate(halves)})
 
 
+OVER_HTTP = "room.obj.zip"
 KINDS: dict[str, Callable[[PaintedBox], bytes]] = {
     "room.ptx": ptx_of,
     "room.glb": glb_of,
+    OVER_HTTP: lambda box: zip_of(obj_files(box)),
     "splats.ply": splats_of,
     "scans.zip": two_scans_of,
 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", [name for name in KINDS if name != OVER_HTTP])
 def test_a_panorama_is_found_within_five_centimetres(localizer: Localizer, name: str) -> None:
     index = build_map_index(read(name, KINDS[name](BOX)), IndexOptions(spacing_m=1.2))
     found = localizer.localize(Rig.of_panorama(panorama()), [index])
