@@ -98,7 +98,6 @@ def test_points_are_counted_over_all_scans() -> None:
         read("s.zip", zip_of(files), max_points=100)
 
 
-@pytest.mark.slow
 def test_errors_begin_with_the_file_that_they_are_about() -> None:
     files = {"good.ply": encode_ply(CLOUD), "sub/bad.ply": encode_ply(CLOUD)[:-9]}
     with pytest.raises(ScanDamagedError, match=r"^sub/bad\.ply: expected 60 points"):

@@ -158,7 +158,6 @@ def test_a_broken_gltf_is_refused_with_the_reason(kind: str) -> None:
         read("quad.glb", glb(*colored_quad(**changes)))
 
 
-@pytest.mark.slow
 def test_a_glb_cut_anywhere_is_refused_with_the_reason() -> None:
     whole = glb(*colored_quad())
     for length in (5, 12, 30, len(whole) // 2, len(whole) - 4):
