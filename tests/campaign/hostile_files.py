@@ -1,7 +1,6 @@
 """Damaged scans, images and masks, given to the readers that workers use: only errors of `core` may come out, and soon."""
 
 import contextlib
-import io
 import multiprocessing
 import os
 import random
@@ -12,7 +11,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from panoloc.core.errors import CoreError
 from panoloc.core.options import ScanOptions, SessionOptions
@@ -22,8 +20,10 @@ from panoloc.service.jobs import QueryImage
 from panoloc.service.worker.query_images import read_query
 from tests.campaign.damage import damaged
 from tests.campaign.outcome import Outcome, quantile
+from tests.core.built_maps import BOX
+from tests.core.image.picture_files import encoded
 from tests.core.scan.scan_files import las_of
-from tests.core.scan.test_photos_in_every_kind import BOX, KINDS
+from tests.core.scan.test_photos_in_every_kind import KINDS
 
 _CHUNK = 250
 _LONGEST_S = 60.0
@@ -51,11 +51,7 @@ def hostile_scans(num_cases: int, seed: int) -> Outcome:
 def hostile_images(num_cases: int, seed: int) -> Outcome:
     """Read damaged images and masks."""
     pixels = np.random.default_rng(0).integers(0, 256, (64, 128, 3)).astype(np.uint8)
-    seeds = {}
-    for kind in ("JPEG", "PNG", "WEBP"):
-        buffer = io.BytesIO()
-        Image.fromarray(pixels).save(buffer, kind)
-        seeds[kind] = buffer.getvalue()
+    seeds = {kind: encoded(pixels, kind) for kind in ("JPEG", "PNG", "WEBP")}
     return _tried("hostile images and masks", seeds, _read_image, num_cases, seed)
 
 
@@ -67,10 +63,9 @@ def _read_scan(name: str, data: bytes) -> None:
 
 
 def _read_image(_: str, data: bytes) -> None:
-    whole = io.BytesIO()
-    Image.new("RGB", (128, 64), (90, 120, 30)).save(whole, "PNG")
+    whole = encoded(np.full((64, 128, 3), 90, np.uint8))
     with contextlib.suppress(CoreError):
-        read_query([QueryImage(whole.getvalue(), mask=data)], "ros", SessionOptions(), 10**7)
+        read_query([QueryImage(whole, mask=data)], "ros", SessionOptions(), 10**7)
     read_query([QueryImage(data)], "ros", SessionOptions(), 10**7)
 
 

@@ -12,12 +12,12 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.http import server
 from panoloc.service.http.guards import slow_clients
 from tests.campaign.damage import damaged
 from tests.campaign.outcome import Outcome, quantile
 from tests.service.http.running_service import SCAN, listening, png_of
+from tests.service.started_redis import started_redis
 
 _LONGEST_S = 10.0
 
@@ -27,29 +27,25 @@ def hostile_requests(num_cases: int, seed: int) -> Outcome:
     outcome, began = Outcome("hostile requests"), time.monotonic()
     statuses: Counter[str] = Counter()
     lasted: list[float] = []
-    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        redis = EmbeddedRedis(Path(folder))
-        redis.start()
-        try:
-            with (
-                mock.patch.object(server, "_HEAD_TIMEOUT_S", 0.5),
-                mock.patch.object(slow_clients, "TIMEOUT_S", 0.5),
-                listening(Path(folder), redis.url) as url,
-            ):
-                seeds = _seeds(url)
-                for number in range(num_cases):
-                    chance = random.Random(f"{seed}-{number}")
-                    asked = time.monotonic()
-                    status = _sent(url, damaged(seeds[number % len(seeds)], chance))
-                    lasted.append(time.monotonic() - asked)
-                    statuses[status[:1] + "xx" if status else "closed"] += 1
-                    outcome.cases += 1
-                    if status.startswith("5") and status not in ("503", "504"):
-                        outcome.faults.append(f"case {number}: {status}")
-                if httpx.get(f"{url}/health/ready").status_code != 200:
-                    outcome.faults.append("it is not ready afterwards")
-        finally:
-            redis.stop()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        started_redis() as redis,
+        mock.patch.object(server, "_HEAD_TIMEOUT_S", 0.5),
+        mock.patch.object(slow_clients, "TIMEOUT_S", 0.5),
+        listening(Path(folder), redis.url) as url,
+    ):
+        seeds = _seeds(url)
+        for number in range(num_cases):
+            chance = random.Random(f"{seed}-{number}")
+            asked = time.monotonic()
+            status = _sent(url, damaged(seeds[number % len(seeds)], chance))
+            lasted.append(time.monotonic() - asked)
+            statuses[status[:1] + "xx" if status else "closed"] += 1
+            outcome.cases += 1
+            if status.startswith("5") and status not in ("503", "504"):
+                outcome.faults.append(f"case {number}: {status}")
+        if httpx.get(f"{url}/health/ready").status_code != 200:
+            outcome.faults.append("it is not ready afterwards")
     if max(lasted, default=0.0) > _LONGEST_S:
         outcome.faults.append(f"one request took {max(lasted):.0f} s")
     outcome.seconds = time.monotonic() - began

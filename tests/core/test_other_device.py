@@ -15,7 +15,8 @@ from tests.core.found_pose import best_of, known
 from tests.core.image.painted_photos import session_of
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
 
-pytestmark = pytest.mark.slow
+# Each operation comes to Python, which takes twice as long where every line is watched; other tests run the same lines.
+pytestmark = [pytest.mark.slow, pytest.mark.no_cover]
 # Each costs a GPU some 20 microseconds of waiting; a query on a map of one box asks for fewer.
 MOST_ASKED = 356
 

@@ -1,16 +1,15 @@
 """A small furnished room with a query of known pose, quick to register and to localize in."""
 
-import io
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from panoloc.core.geometry.pose import Pose, PoseError, pose_error
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.lab.rooms import Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
+from tests.core.image.picture_files import encoded
 
 # A dozen starts suffice for a room of 12 m².
 OPTIONS = '{"starts": {"method": "grid", "spacing_m": 1.0}}'
@@ -51,6 +50,4 @@ def second_panorama() -> bytes:
 
 
 def _panorama_from(pose: Pose) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(take_panorama(room_scene(), pose, 512).color).save(buffer, "JPEG", quality=92)
-    return buffer.getvalue()
+    return encoded(take_panorama(room_scene(), pose, 512).color, "JPEG", quality=92)

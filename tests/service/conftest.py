@@ -1,6 +1,5 @@
 """One Redis and one S3 for the tests of a process: Redis emptied for each test, S3 with a prefix for each."""
 
-import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,17 +9,14 @@ import redis
 
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.storage.bucket import BucketStorage
+from tests.service.started_redis import started_redis
 from tests.service.storage.bucket_server import BucketServer
 
 
 @pytest.fixture(scope="session")
 def redis_server() -> Iterator[EmbeddedRedis]:
-    # pytest's own folders are too long for a socket.
-    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        server = EmbeddedRedis(Path(folder), max_memory_bytes=64 * 2**20)
-        server.start()
+    with started_redis() as server:
         yield server
-        server.stop()
 
 
 @pytest.fixture

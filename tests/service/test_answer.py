@@ -18,19 +18,15 @@ from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, 
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions
 from panoloc.service.worker.answers import answer_of
 from tests.core.exports.tours import GOLDEN
+from tests.core.painted_box import rotation_of
 
 PANORAMA = Rig.of_panorama(Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool)))
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
 
 
-def turned_left(degrees: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-
-
 def candidate(map_position: int = 0, confidence: float = 0.9) -> Candidate:
     return Candidate(
-        pose=Pose(turned_left(90), np.array([1.0, 2.0, 3.0])),
+        pose=Pose(rotation_of(90), np.array([1.0, 2.0, 3.0])),
         map_position=map_position,
         confidence=confidence,
         score=5.0,
@@ -141,7 +137,7 @@ def test_the_golden_pose_has_its_golden_angles_in_every_frame(frame: Frame) -> N
 def test_a_heading_counts_clockwise_from_y_through_a_whole_turn() -> None:
     yaws = {0: 90, 90: 0, 89: 1, 91: 359, 180: 270, -180: 270, -90: 180, 90 - 1e-13: 0}
     for yaw_deg, heading_deg in yaws.items():
-        pose = pose_of(Pose(turned_left(yaw_deg), np.zeros(3)), "ros")
+        pose = pose_of(Pose(rotation_of(yaw_deg), np.zeros(3)), "ros")
         assert pose["heading_deg"] == pytest.approx(heading_deg, abs=1e-9), yaw_deg
         assert 0 <= pose["heading_deg"] < 360
 
@@ -172,7 +168,7 @@ def test_a_heading_in_a_grid_is_turned_by_the_convergence_that_pyproj_gives_at_t
     """A camera in UTM zone 32 that looks along the grid's north, at the ends of a map a kilometre long."""
     convergences = []
     for east in (640_000.0, 641_000.0):
-        pose = Pose(turned_left(90), np.array([east, 5_320_000.0, 512.0]))
+        pose = Pose(rotation_of(90), np.array([east, 5_320_000.0, 512.0]))
         both = replace(localization(), best=replace(candidate(), pose=pose))
         body = body_of(both, frame, georeferences={"map_a": {"coordinate_system": "EPSG:25832"}})["pose"]
         longitude, latitude = Transformer.from_crs(25832, 4326, always_xy=True).transform(east, 5_320_000.0)
@@ -183,7 +179,7 @@ def test_a_heading_in_a_grid_is_turned_by_the_convergence_that_pyproj_gives_at_t
 
 
 def test_a_pose_outside_of_its_coordinate_system_has_the_north_of_its_map() -> None:
-    far = Pose(turned_left(90), np.array([1e12, 1e12, 0.0]))
+    far = Pose(rotation_of(90), np.array([1e12, 1e12, 0.0]))
     both = replace(localization(), best=replace(candidate(), pose=far))
     body = body_of(both, georeferences={"map_a": {"coordinate_system": "EPSG:25832"}})["pose"]
     assert (body["heading_deg"], body["north"]) == (pytest.approx(0.0), "map")
@@ -217,9 +213,9 @@ def matrix_in(motion: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_in_the_axes_of_every_frame_an_image_is_at_map_from_session_after_its_own_pose(frame: Frame) -> None:
-    poses = Pose(turned_left(10), np.array([0.1, 0.2, 0.3])), Pose(turned_left(70), np.array([0.4, -0.2, 0.1]))
+    poses = Pose(rotation_of(10), np.array([0.1, 0.2, 0.3])), Pose(rotation_of(70), np.array([0.4, -0.2, 0.1]))
     session = session_of(*poses)
-    found = found_session(session, Pose(turned_left(30), np.array([4.0, 5.0, 6.0])))
+    found = found_session(session, Pose(rotation_of(30), np.array([4.0, 5.0, 6.0])))
     body = body_of(found, frame, session, pose=TrackedPose())
     map_from_session = matrix_in(body["map_from_session"])
     for image, pose in zip(body["images"], poses, strict=True):
@@ -249,7 +245,7 @@ def test_a_single_image_agrees_as_the_whole_query_does() -> None:
 
 
 def test_a_session_that_fits_nowhere_has_no_poses_but_says_how_its_images_agreed() -> None:
-    session = session_of(Pose(np.eye(3), np.zeros(3)), Pose(turned_left(70), np.zeros(3)))
+    session = session_of(Pose(np.eye(3), np.zeros(3)), Pose(rotation_of(70), np.zeros(3)))
     body = body_of(found_session(session, candidate().pose, "not_localized"), query=session, pose=TrackedPose())
     assert body["map_from_session"] is None
     assert [image["pose"] for image in body["images"]] == [None, None]

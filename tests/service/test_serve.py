@@ -103,20 +103,15 @@ def test_a_bucket_that_cannot_be_used_ends_the_start_with_one_line(
     url: str,
     is_refused: bool,
     said: str,
+    bucket_server: BucketServer,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    server = BucketServer()
-    try:
-        with monkeypatch.context() as patch:
-            for name, value in server.variables.items():
-                patch.setenv(name, value)
-            if is_refused:
-                server.refuse_strangers()
-            assert run_service(Settings(data_dir=tmp_path, storage=url, log_format="json")) == 1
-    finally:
-        server.stop()
+    with bucket_server.refusing(is_refused), monkeypatch.context() as patch:
+        for name, value in bucket_server.variables.items():
+            patch.setenv(name, value)
+        assert run_service(Settings(data_dir=tmp_path, storage=url, log_format="json")) == 1
     lines = [line for line in capfd.readouterr().err.splitlines() if "cannot start" in line]
     assert len(lines) == 1
     assert said in lines[0]

@@ -1,18 +1,18 @@
 """Tours with known poses: the golden one of the formats, and many turned every way."""
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from panoloc.core.earth.geopose import Georeference
 from panoloc.core.exports.formats import export
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import ExportFormat
+from tests.core import painted_box
+from tests.core.image.picture_files import encoded
 
 WIDTH, HEIGHT = 2048, 1024
 GEOREFERENCE = Georeference(47.7, -122.3, 11.5, 0.0)
@@ -24,13 +24,8 @@ LARGE = np.array([431_250.25, 5_312_480.5, 412.75])
 
 
 def rotation_of(heading_deg: float, elevation_deg: float, roll_deg: float) -> np.ndarray:
-    """Return Rz(90° − heading) · Ry(−elevation) · Rx(roll), written out by hand."""
-    a, b, c = np.radians([90 - heading_deg, -elevation_deg, roll_deg])
-    z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    x = np.array([[1, 0, 0], [0, np.cos(c), -np.sin(c)], [0, np.sin(c), np.cos(c)]])
-    turned: np.ndarray = z @ y @ x
-    return turned
+    """Return Rz(90° − heading) · Ry(−elevation) · Rx(roll)."""
+    return painted_box.rotation_of(90 - heading_deg, -elevation_deg, roll_deg)
 
 
 GOLDEN = Pose(rotation_of(37.5, -12.25, 4.75), np.array([1.25, -2.5, 1.6]))
@@ -39,9 +34,7 @@ GOLDEN = Pose(rotation_of(37.5, -12.25, 4.75), np.array([1.25, -2.5, 1.6]))
 def jpeg(width: int = 64, height: int = 32) -> bytes:
     """Return a small picture."""
     ramp = np.linspace(0, 255, width * height * 3).reshape(height, width, 3)
-    out = io.BytesIO()
-    Image.fromarray(ramp.astype(np.uint8)).save(out, "JPEG")
-    return out.getvalue()
+    return encoded(ramp.astype(np.uint8), "JPEG")
 
 
 def golden_tour(folder: Path | None = None, georeference: Georeference | None = GEOREFERENCE) -> Tour:

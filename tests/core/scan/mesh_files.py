@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from panoloc.core.scan.point_cloud import PointCloud
+from tests.core.image.picture_files import encoded
 from tests.core.painted_box import PaintedBox
 
 Array = NDArray[np.float64]
@@ -97,9 +98,7 @@ def obj_files(box: PaintedBox) -> dict[str, bytes]:
         quad = range(first, first + 4) if number % 2 else range(-4, 0)
         lines.append("f " + " ".join(f"{corner}/{corner}" for corner in quad))
         materials += [f"newmtl wall {number}", "Kd 0 0 0", f"map_Kd -s 1 1 1 textures\\wall {number}.png"]
-        buffer = io.BytesIO()
-        Image.fromarray(wall.picture).save(buffer, "PNG")
-        files[f"textures/wall {number}.png"] = buffer.getvalue()
+        files[f"textures/wall {number}.png"] = encoded(wall.picture)
     return {"room.obj": "\n".join(lines).encode(), "room.mtl": "\n".join(materials).encode(), **files}
 
 

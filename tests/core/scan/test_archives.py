@@ -15,6 +15,7 @@ from panoloc.core.scan import unpacking
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
+from tests.core.image.picture_files import encoded
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import assert_painted, glb_of, obj_files, walls_of, zip_of
 from tests.core.scan.scan_files import CLOUD, assert_same_points, codes_of, las_of, put, read, table_of
@@ -62,11 +63,7 @@ def textured_ply(per_corner: bool) -> dict[str, bytes]:
         places = "" if not per_corner else "8 " + " ".join(f"{v:.8f}" for v in uv.ravel())
         rows += [" ".join(f"{v:.8f}" for v in (*c, *p)) for c, p in zip(wall.corners, uv, strict=True)]
         faces.append(f"4 {4 * number} {4 * number + 1} {4 * number + 2} {4 * number + 3} {places} {number}")
-        buffer = io.BytesIO()
-        from PIL import Image
-
-        Image.fromarray(wall.picture).save(buffer, "PNG")
-        files[f"wall{number}.png"] = buffer.getvalue()
+        files[f"wall{number}.png"] = encoded(wall.picture)
     header = ["ply", "format ascii 1.0", *(f"comment TextureFile wall{n}.png" for n in range(6)), "element vertex 24"]
     header += [f"property float {name}" for name in ("x", "y", "z", "s", "t")]
     header += ["element face 6", "property list uchar int vertex_indices"]
@@ -101,7 +98,6 @@ def test_points_are_counted_over_all_scans() -> None:
         read("s.zip", zip_of(files), max_points=100)
 
 
-@pytest.mark.slow
 def test_errors_begin_with_the_file_that_they_are_about() -> None:
     files = {"good.ply": encode_ply(CLOUD), "sub/bad.ply": encode_ply(CLOUD)[:-9]}
     with pytest.raises(ScanDamagedError, match=r"^sub/bad\.ply: expected 60 points"):

@@ -97,7 +97,6 @@ def test_what_cannot_be_used_is_said_and_the_scan_is_read(
     assert len(found) == len(CLOUD)
 
 
-@pytest.mark.slow
 def test_scans_of_one_zip_are_in_one_system() -> None:
     one, same = las_at(CLOUD, CRS(UTM_32).to_wkt()), las_at(CLOUD, keys=[3072, 0, 1, 25832], minor=2)
     found = read("scans.zip", zip_of({"a.laz": one, "b.laz": same}))

@@ -1,6 +1,5 @@
 """Images of an E57 file: they colour its points, and come out of it as photos."""
 
-import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from panoloc.core.errors import ScanContentError
 from panoloc.core.exports.colmap import FACES, cut_face, turned
@@ -18,6 +16,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.e57.__main__ import REFUSED, main
 from panoloc.core.scan.reading import read_scan
 from tests.core.exports.tours import written
+from tests.core.image.picture_files import encoded
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.scan.e57_files import CARTESIAN, pose_node, structure
 from tests.core.scan.scan_files import codes_of
@@ -47,18 +46,12 @@ def add_points(file: Any, positions: np.ndarray) -> None:
     file.write_scan_raw(columns, name="station", rotation=np.array([1.0, 0, 0, 0]), translation=shift)
 
 
-def png(colors: np.ndarray) -> bytes:
-    out = io.BytesIO()
-    Image.fromarray(colors).save(out, "PNG")
-    return out.getvalue()
-
-
 def survey(folder: Path, positions: np.ndarray, photos: list[tuple[str, Pose, np.ndarray]]) -> Path:
     """Return our own export as E57: a survey without colours, and photos with their poses."""
     placed = []
     for number, (name, pose, colors) in enumerate(photos):
         image = folder / f"{number}.png"
-        image.write_bytes(png(colors))
+        image.write_bytes(encoded(colors))
         placed.append(PlacedPhoto(name, pose, colors.shape[1], colors.shape[0], image=image))
     scan = without_colors(folder / "points.e57", positions)
     tour = Tour("map_1", tuple(placed), survey=scan)
@@ -89,7 +82,7 @@ def cube_survey(folder: Path, offset: np.ndarray, size: int = 256) -> Path:
 
 def _add_pinhole(file: Any, name: str, pose: Pose, colors: np.ndarray, has_pose: bool = True) -> None:
     """Add a pinhole image of 90 degrees, axes by ASTM E2807: x right, y up, z backward; its pose may be left unsaid."""
-    image_file, data, size = file.image_file, np.frombuffer(png(colors), np.uint8).copy(), len(colors)
+    image_file, data, size = file.image_file, np.frombuffer(encoded(colors), np.uint8).copy(), len(colors)
     right_up_back = np.stack([-pose.rotation[:, 1], pose.rotation[:, 2], -pose.rotation[:, 0]], axis=1)
     picture = structure(
         image_file,
@@ -209,7 +202,7 @@ def test_images_come_out_as_they_went_in_and_stay_as_they_are(
     assert main([str(path), str(folder)]) == 0
     assert json.loads(capsys.readouterr().out) == {"num_images": 4, "num_others": 0}
     assert sorted(file.name for file in folder.iterdir()) == ["hall-2.png", "hall-3.png", "hall.png", "x.png"]
-    assert (folder / "hall.png").read_bytes() == png(colors)
+    assert (folder / "hall.png").read_bytes() == encoded(colors)
     before = {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}
     assert main([str(path), str(folder)]) == 0
     assert {file.name: file.stat().st_mtime_ns for file in folder.iterdir()} == before

@@ -1,16 +1,13 @@
 """Bad input of every way through a running service: what each is told, and that the next good request is answered."""
 
-import io
-import struct
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import httpx
 import numpy as np
 import pytest
-from PIL import Image
 
+from tests.core.image.picture_files import encoded, png_bomb
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import obj_files, zip_of
 from tests.integration.running_service import RunningService, eventually
@@ -27,23 +24,8 @@ def ply_without_color(points: np.ndarray) -> bytes:
     return (head + "end_header\n" + "\n".join(rows) + "\n").encode()
 
 
-def png_header(width: int, height: int) -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
-        + chunk(b"IEND", b"")
-    )
-
-
 def jpeg(width: int, height: int) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)).save(buffer, "JPEG")
-    return buffer.getvalue()
+    return encoded(np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8), "JPEG")
 
 
 @dataclass(frozen=True)
@@ -78,7 +60,7 @@ BAD_SCANS = {
 BAD_IMAGES = {
     "text as image": (b"this is no image at all, but a letter " * 40, 415),
     "truncated JPEG": (jpeg(1024, 512)[:20_000], 422),
-    "PNG bomb": (png_header(40_000, 20_000), 413),
+    "PNG bomb": (png_bomb(40_000, 20_000), 413),
     "3:2 photo": (jpeg(600, 400), 422),
 }
 

@@ -3,34 +3,30 @@
 Other kinds are registered and searched without a service in `tests/core/scan/test_photos_in_every_kind.py`.
 """
 
-import io
 import math
 
 import numpy as np
 import pytest
-from PIL import Image
 from pyproj import CRS, Proj, Transformer
 
 from panoloc.core.geometry.pose import Pose, pose_error
-from tests.core.painted_box import rotation_of
+from tests.core.built_maps import BOX, POSE
+from tests.core.image.picture_files import encoded
+from tests.core.scan.mesh_files import obj_files, zip_of
 from tests.core.scan.test_coordinate_systems import PLACE, UTM_32, las_at
-from tests.core.scan.test_photos_in_every_kind import BOX, KINDS
 from tests.integration.running_service import RunningService
+from tests.integration.small_room import OPTIONS
 
 pytestmark = pytest.mark.integration
-POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-OPTIONS = '{"starts": {"method": "grid", "spacing_m": 1.0}}'
 
 
 @pytest.fixture(scope="module")
 def panorama() -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(BOX.panorama(POSE).color).save(buffer, "JPEG", quality=95)
-    return buffer.getvalue()
+    return encoded(BOX.panorama(POSE).color, "JPEG", quality=95)
 
 
 def test_a_photo_is_found_in_a_mesh_with_its_textures(service: RunningService, panorama: bytes) -> None:
-    map_id = service.register(KINDS["room.obj.zip"](BOX), OPTIONS, "room.obj.zip")
+    map_id = service.register(zip_of(obj_files(BOX)), OPTIONS, "room.obj.zip")
     answer = service.localize(panorama, map_id).json()
     assert answer["status"] == "localized", answer
     matrix = np.array(answer["pose"]["map_from_camera"]["matrix"])

@@ -14,6 +14,8 @@ from PIL import Image
 
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.lab.rooms import take_panorama
+from tests.core.image.picture_files import encoded
+from tests.core.painted_box import rotation_of
 from tests.integration.running_service import RunningService
 from tests.integration.small_room import room_scene, small_room
 
@@ -22,6 +24,7 @@ pytestmark = pytest.mark.integration
 
 _WIDTH, _HEIGHT, _HFOV_DEG = 480, 360, 100.0
 _ARM_M = 0.1
+PICTURES = ["score_map_2d", "score_map_3d", "overlay"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class TrackedFrames:
         focal_px = _WIDTH / 2 / math.tan(math.radians(_HFOV_DEG) / 2)
         lens = {"model": "pinhole", "width_px": _WIDTH, "height_px": _HEIGHT, "fx_px": focal_px}
         cameras = [{**lens, "session_from_camera": _as_sent(pose)} for pose in self.session_from_camera]
-        return json.dumps({"frame": "webxr", "cameras": cameras, "session": {"up": "known"}})
+        asked = {"frame": "webxr", "cameras": cameras, "session": {"up": "known"}, "artifacts": PICTURES}
+        return json.dumps(asked)
 
 
 @cache
@@ -46,9 +50,9 @@ def tracked_frames() -> TrackedFrames:
     """Take four frames at right angles, each a little away from the middle."""
     middle, images, poses = small_room().pose.position, [], []
     # Where the device began to track: turned by 40 degrees about the vertical, somewhere in the room.
-    map_from_session = _y_up(Pose(_about_z(40.0), middle + np.array([0.4, -0.2, -1.1])))
+    map_from_session = _y_up(Pose(rotation_of(40.0), middle + np.array([0.4, -0.2, -1.1])))
     for number in range(4):
-        turn = _about_z(25.0 + 90 * number)
+        turn = rotation_of(25.0 + 90 * number)
         pose = Pose(turn, middle + _ARM_M * turn[:, 0])
         images.append(_photo(pose))
         poses.append(np.linalg.inv(map_from_session) @ pose.in_frame("webxr").matrix)
@@ -63,14 +67,7 @@ def _photo(pose: Pose) -> bytes:
     left, up = (_WIDTH / 2 - column) / focal_px, (_HEIGHT / 2 - row) / focal_px
     c = (math.pi - np.arctan2(left, 1.0)) / (2 * math.pi) * 1024
     r = (math.pi / 2 - np.arctan2(up, np.hypot(left, 1.0))) / math.pi * 512
-    buffer = io.BytesIO()
-    Image.fromarray(panorama.color[r.astype(int), c.astype(int)]).save(buffer, "JPEG", quality=92)
-    return buffer.getvalue()
-
-
-def _about_z(degrees: float) -> NDArray[np.float64]:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    return encoded(panorama.color[r.astype(int), c.astype(int)], "JPEG", quality=92)
 
 
 def _y_up(between_worlds: Pose) -> NDArray[np.float64]:
@@ -96,16 +93,10 @@ def answer(service: RunningService, map_id: str) -> dict[str, Any]:
     return dict(reply.json())
 
 
-def picture(pixels: NDArray[np.uint8]) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG")
-    return buffer.getvalue()
-
-
 def wall() -> bytes:
     """Return a photo of plaster: one colour, a little grain."""
     grain = np.random.default_rng(0).normal(215, 2, (480, 640, 1)).repeat(3, axis=2)
-    return picture(grain.astype(np.uint8))
+    return encoded(grain.astype(np.uint8))
 
 
 def screenshot() -> bytes:
@@ -114,7 +105,7 @@ def screenshot() -> bytes:
     for row in range(100, 1100, 30):
         page[row : row + 12, 40 : 300 + row % 370] = 40
     page[1180:, :] = (30, 110, 220)
-    return picture(page)
+    return encoded(page)
 
 
 def motion(found: dict[str, Any]) -> NDArray[np.float64]:
@@ -172,11 +163,9 @@ def test_a_picture_that_shows_nothing_of_the_place_is_not_localized(
     assert reply.json()["map_from_session"] is None
 
 
-def test_the_pictures_of_a_session_are_drawn(service: RunningService, map_id: str) -> None:
-    options = json.loads(tracked_frames().options) | {"artifacts": ["score_map_2d", "score_map_3d", "overlay"]}
-    answer = service.localize(tracked_frames().images, map_id, json.dumps(options)).json()
+def test_the_pictures_of_a_session_are_drawn(service: RunningService, answer: dict[str, Any]) -> None:
     pictures = {name: fetched(service, path) for name, path in answer["artifacts"].items()}
-    assert {name: each.shape[1] for name, each in pictures.items()} == dict.fromkeys(options["artifacts"], 1024)
+    assert {name: each.shape[1] for name, each in pictures.items()} == dict.fromkeys(PICTURES, 1024)
     upper, lower = np.split(pictures["overlay"], [512])
     shown = (upper != upper[0, 0]).any(axis=2)  # the zenith is in no image
     # The images stand above the scan as it looks from there: what both show has the same colours.

@@ -52,6 +52,10 @@ def test_a_flat_defect_in_a_room_is_found_and_the_room_stays(panorama: Panorama,
     assert np.max(lost) < 0.08
 
 
+def test_in_a_room_without_a_defect_nothing_is_found(panorama: Panorama) -> None:
+    assert find_missing(panorama.color, panorama.valid, True).words == ()
+
+
 def test_what_is_not_covered_by_a_defect_stays_but_for_compression(room_view: View) -> None:
     kinds = set()
     for seed in range(12):

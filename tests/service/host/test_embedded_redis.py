@@ -14,21 +14,13 @@ import redis
 
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from tests.integration.running_service import ROOT, eventually, is_running
+from tests.service.started_redis import started_redis
 
 
 @pytest.fixture
-def short_folder() -> Iterator[Path]:
-    # pytest's own folders are too long for a socket.
-    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        yield Path(folder)
-
-
-@pytest.fixture
-def server(short_folder: Path) -> Iterator[EmbeddedRedis]:
-    server = EmbeddedRedis(short_folder, max_memory_bytes=16 * 2**20)
-    server.start()
-    yield server
-    server.stop()
+def server() -> Iterator[EmbeddedRedis]:
+    with started_redis(16 * 2**20) as server:
+        yield server
 
 
 def answers(server: EmbeddedRedis) -> bool:
@@ -60,16 +52,16 @@ def test_it_comes_back_after_its_process_was_killed(server: EmbeddedRedis) -> No
     assert eventually(lambda: server.pid != killed and answers(server), 5)
 
 
-def test_after_stop_nothing_is_left(server: EmbeddedRedis, short_folder: Path) -> None:
+def test_after_stop_nothing_is_left(server: EmbeddedRedis) -> None:
     pid = server.pid
     assert pid is not None
     server.stop()
     assert not is_running(pid)
-    assert not (short_folder / "redis.sock").exists()
+    assert not Path(server.url.removeprefix("unix://")).exists()
 
 
 @pytest.mark.slow
-def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
+def test_it_ends_with_a_parent_that_was_killed() -> None:
     program = textwrap.dedent("""
         import sys, time
         from pathlib import Path
@@ -79,9 +71,12 @@ def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
         print(server.pid, flush=True)
         time.sleep(60)
     """)
-    with subprocess.Popen(
-        [sys.executable, "-c", program, str(short_folder)], stdout=subprocess.PIPE, text=True, cwd=ROOT
-    ) as parent:
+    with (
+        tempfile.TemporaryDirectory(prefix="panoloc-") as folder,
+        subprocess.Popen(
+            [sys.executable, "-c", program, folder], stdout=subprocess.PIPE, text=True, cwd=ROOT
+        ) as parent,
+    ):
         assert parent.stdout is not None
         pid = int(parent.stdout.readline())
         assert is_running(pid)

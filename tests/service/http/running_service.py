@@ -1,11 +1,8 @@
 """The application with a fake pool and a real Redis, and what tests often do with it."""
 
 import asyncio
-import io
-import struct
 import threading
 import time
-import zlib
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
@@ -20,6 +17,7 @@ from panoloc.service.cache import WorkerCache
 from panoloc.service.http.server import DrainingServer, server_config
 from panoloc.service.settings import Settings
 from panoloc.service.storage import Storage, open_storage
+from tests.core.image.picture_files import png
 from tests.service.http.fake_pool import FakePool, ply_of
 
 SCAN = ply_of([(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
@@ -170,12 +168,4 @@ def listening_server(folder: Path, redis_url: str, **changes: Any) -> Iterator[t
 
 def png_of(width: int, height: int) -> bytes:
     """Return a PNG whose header says this size; its one row of pixels is not decoded by the HTTP process."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    out = io.BytesIO(b"\x89PNG\r\n\x1a\n")
-    out.seek(0, io.SEEK_END)
-    out.write(chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)))
-    out.write(chunk(b"IDAT", zlib.compress(b"\x00" * 25)) + chunk(b"IEND", b""))
-    return out.getvalue()
+    return png(width, height, 8, 2, b"\0" * 25)

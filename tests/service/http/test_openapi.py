@@ -124,6 +124,7 @@ def test_the_types_of_the_console_are_up_to_date() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.no_cover  # of what thousands of requests run, all is run by other tests
 def test_the_service_does_what_its_document_says(tmp_path: Path, listen: Listen) -> None:
     for name in DEMO_FILES:  # a room takes longer to make than this test may wait
         FolderStorage(tmp_path).put(f"demo/{name}", b"made before")

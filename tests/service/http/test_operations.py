@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.http.schemas.operations import Health
 from panoloc.service.limits.wrong_keys import WrongKeys
 from tests.service.http.running_service import Listen, RunningService, Serve, running_service
+from tests.service.started_redis import started_redis
 
 pytestmark = pytest.mark.anyio
 
@@ -155,11 +155,8 @@ async def test_the_type_of_a_problem_leads_to_its_meaning(running: RunningServic
 
 @pytest.fixture
 def own_redis() -> Iterator[EmbeddedRedis]:
-    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        server = EmbeddedRedis(Path(folder))
-        server.start()
+    with started_redis() as server:
         yield server
-        server.stop()
 
 
 @pytest.mark.slow

@@ -8,6 +8,8 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -24,11 +26,15 @@ BUCKET = "scans"
 class BucketServer:
     """Keeps everything in memory: it is gone when the process is."""
 
-    def __init__(self, port: int = 0) -> None:
-        """port: 0 for a free one."""
+    def __init__(self) -> None:
+        self.port = 0
+        self.start()
+
+    def start(self) -> None:
+        """Start it, empty, on the port that it had."""
         with tempfile.TemporaryFile("w+b") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)],
+                [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(self.port)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -61,9 +67,24 @@ class BucketServer:
         attributes = obstore.get(self.client(prefix), key).attributes
         obstore.put(self.client(prefix), key, data, attributes=attributes)
 
-    def refuse_strangers(self, refuse: bool = True) -> None:
-        """Refuse unknown keys, which all are; or accept all again."""
-        self._ask("/moto-api/reset-auth", "POST", json.dumps(0 if refuse else 10**9).encode())
+    @contextmanager
+    def refusing(self, refuses: bool = True) -> Iterator[None]:
+        """Refuse unknown keys, which all are, for a while."""
+        if refuses:
+            self._accept(0)
+        try:
+            yield
+        finally:
+            self._accept(10**9)
+
+    @contextmanager
+    def away(self) -> Iterator[None]:
+        """Stop for a while; the bucket is empty afterwards."""
+        self.stop()
+        try:
+            yield
+        finally:
+            self.start()
 
     def pause(self) -> None:
         """Let every request wait."""
@@ -77,6 +98,9 @@ class BucketServer:
         """End the process."""
         self._process.kill()
         self._process.wait()
+
+    def _accept(self, num_requests: int) -> None:
+        self._ask("/moto-api/reset-auth", "POST", json.dumps(num_requests).encode())
 
     def _ask(self, path: str, method: str = "GET", data: bytes | None = None) -> None:
         headers = {"Content-Type": "application/octet-stream"}

@@ -272,30 +272,26 @@ def test_what_a_killed_process_was_fetching_is_removed_and_not_what_another_fetc
 
 
 @pytest.mark.slow
-def test_a_bucket_that_goes_away_is_reported_within_seconds_and_serves_again(tmp_path: Path) -> None:
-    own_server = BucketServer()
-    storage = own_server.storage(tmp_path)
-    storage.put("a", b"x")
-    storage.check_writable()
-    own_server.stop()
-    upload = storage.spool_folder() / "upload"
+def test_a_bucket_that_goes_away_is_reported_within_seconds_and_serves_again(
+    bucket: BucketStorage, bucket_server: BucketServer
+) -> None:
+    bucket.put("a", b"x")
+    bucket.check_writable()
+    upload = bucket.spool_folder() / "upload"
     upload.write_bytes(b"kept")
-    for call in (
-        lambda: storage.read("a"),
-        lambda: storage.adopt("b", upload, "0"),
-        lambda: storage.stamps("maps", "map.json"),
-    ):
-        began = time.monotonic()
-        with pytest.raises(StorageAwayError, match="expected an answer from the bucket s3://scans/panoloc"):
-            call()
-        assert time.monotonic() - began < 20
-    assert upload.read_bytes() == b"kept"
-    again = BucketServer(own_server.port)
-    try:
-        storage.put("a", b"z")
-        assert storage.read("a") == b"z"
-    finally:
-        again.stop()
+    with bucket_server.away():
+        for call in (
+            lambda: bucket.read("a"),
+            lambda: bucket.adopt("b", upload, "0"),
+            lambda: bucket.stamps("maps", "map.json"),
+        ):
+            began = time.monotonic()
+            with pytest.raises(StorageAwayError, match="expected an answer from the bucket s3://scans/"):
+                call()
+            assert time.monotonic() - began < 20
+        assert upload.read_bytes() == b"kept"
+    bucket.put("a", b"z")
+    assert bucket.read("a") == b"z"
 
 
 @pytest.mark.slow
@@ -322,8 +318,7 @@ def test_a_key_that_opens_nothing_is_reported_before_the_service_starts(
 ) -> None:
     check_bucket(bucket, is_shared=True)
     assert keys_in(bucket_server, prefix) == []
-    bucket_server.refuse_strangers()
-    try:
+    with bucket_server.refusing():
         with pytest.raises(
             StorageReadOnlyError, match=r"can be written, got InvalidAccessKeyId .*the key and its rights"
         ):
@@ -332,8 +327,6 @@ def test_a_key_that_opens_nothing_is_reported_before_the_service_starts(
             bucket.read("a")
         with pytest.raises(BucketUnusableError, match="the key and its rights") as found:
             check_bucket(bucket, is_shared=False)
-    finally:
-        bucket_server.refuse_strangers(False)
     assert "\n" not in str(found.value)
     assert "a-secret" not in str(found.value)
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription
@@ -16,20 +15,15 @@ from panoloc.core.options import SessionOptions, TrackedPose
 from panoloc.core.results import Candidate, Localization, SearchSummary
 from panoloc.service.jobs import QueryImage
 from panoloc.service.worker.query_images import as_found, read_query, shown_on_sphere
+from tests.core.image.picture_files import encoded
 
 PINHOLE = CameraDescription("pinhole", hfov_deg=60)
 NO_SESSION = SessionOptions()
 MAX_PIXELS = 10**7
 
 
-def png(pixels: NDArray[np.uint8]) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG")
-    return buffer.getvalue()
-
-
 def grey(width: int, height: int) -> bytes:
-    return png(np.full((height, width, 3), 128, np.uint8))
+    return encoded(np.full((height, width, 3), 128, np.uint8))
 
 
 def frame_image(tracked: TrackedPose | None = None, data: bytes | None = None) -> QueryImage:
@@ -94,7 +88,7 @@ def test_one_image_with_a_pose_is_a_session_also_a_full_panorama() -> None:
 def test_each_image_has_its_own_mask() -> None:
     hidden = np.zeros((48, 64, 3), np.uint8)
     hidden[:, :32] = 255
-    images = [frame_image(), replace(frame_image(), mask=png(hidden))]
+    images = [frame_image(), replace(frame_image(), mask=encoded(hidden))]
     session = read_query(images, "ros", NO_SESSION, MAX_PIXELS)
     first, second = (photo.valid for photo in session.photos)
     assert first.all()
@@ -127,7 +121,7 @@ def test_pictures_of_a_session_are_drawn_at_the_pose_of_its_sphere() -> None:
     pixels = np.full((48, 64, 3), 128, np.uint8)
     pixels[20:28, 28:36] = (255, 0, 0)
     to_the_left = TrackedPose((0.0, 0.5, 0.0), (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
-    session = read_query([frame_image(), frame_image(to_the_left, png(pixels))], "ros", NO_SESSION, MAX_PIXELS)
+    session = read_query([frame_image(), frame_image(to_the_left, encoded(pixels))], "ros", NO_SESSION, MAX_PIXELS)
     map_from_session = Pose(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([4.0, 5.0, 1.0]))
     first = map_from_session.after(session.images[0].session_from_camera)
     sphere, shown = shown_on_sphere(session, found_at(first, map_from_session))

@@ -1,4 +1,4 @@
-"""An untrusted scan is read in the sandbox, whatever its format."""
+"""An untrusted scan is read in the sandbox, whatever its format, and one of some formats always is."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,8 +13,8 @@ from panoloc.core.scan import reading
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext
 from panoloc.core.scan.sandbox.child import SandboxLimits
-from tests.core.scan.mesh_files import zip_of
-from tests.core.scan.scan_files import CLOUD, pcd_of, read, table_of
+from tests.core.scan.mesh_files import colored_quad, glb, zip_of
+from tests.core.scan.scan_files import CLOUD, las_of, pcd_of, read, table_of
 
 FILES = {
     "room.ply": encode_ply(CLOUD),
@@ -41,6 +41,21 @@ def test_the_sandbox_gives_the_same_points_and_the_caller_parses_nothing(
     np.testing.assert_array_equal(found.positions, trusted.positions)
     np.testing.assert_array_equal(found.colors, trusted.colors)
     assert found.diagnostics == trusted.diagnostics
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("room.glb", glb(*colored_quad())),
+        ("room.obj", b"v 0 0 0 1 0 0\nv 3 0 0 1 0 0\nv 0 3 0 1 0 0\nf 1 2 3\n"),
+        ("room.laz", las_of(CLOUD, 7)),
+    ],
+)
+def test_formats_of_native_parsers_and_of_many_parts_are_read_there_also_from_friends(
+    monkeypatch: pytest.MonkeyPatch, name: str, data: bytes
+) -> None:
+    monkeypatch.setattr(reading, "READERS", dict.fromkeys(reading.READERS, parse_nothing))
+    assert len(read(name, data)) > 0
 
 
 def test_a_damaged_one_is_refused_in_the_words_of_its_reader() -> None:

@@ -1,5 +1,9 @@
 """Runs commands against the fake service, on a folder of photos."""
 
+import subprocess
+from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -12,15 +16,23 @@ __all__ = ["fake", "panoloc"]
 
 
 @pytest.fixture(autouse=True)
-def _without_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let runs draw no pictures, which takes a process each, except where a test is about them."""
+def _without_processes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let runs draw no pictures and export in this process, except where a test is about pictures."""
     if "pictures" not in request.fixturenames:
         monkeypatch.setattr(PlacedPhotos, "draw_overviews", lambda placed, out: Written())
+        monkeypatch.setattr(subprocess, "run", run_here)
+
+
+def run_here(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+    """Run `python -P -m MODULE ARGUMENT...` in this process, which takes a fraction of the time."""
+    with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
+        code = import_module(f"{command[3]}.__main__").main(command[4:])
+    return subprocess.CompletedProcess(command, code, out.getvalue(), err.getvalue())
 
 
 @pytest.fixture
 def pictures() -> None:
-    """Let runs draw pictures."""
+    """Let runs draw pictures, and start the processes that they have in earnest."""
 
 
 @pytest.fixture

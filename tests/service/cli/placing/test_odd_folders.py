@@ -36,7 +36,6 @@ def folder_of(tmp_path: Path, *names: str, data: bytes | None = None) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_photos_of_any_name_are_placed_and_exported(place: Panoloc, tmp_path: Path, out: Path) -> None:
     folder_of(tmp_path, *NAMES)
     outcome = place("--export", "navvis,colmap-rig")
@@ -132,7 +131,6 @@ def test_ctrl_c_keeps_what_is_under_way_and_says_so(
     assert "2 of 2 photos are already done" in place().err
 
 
-@pytest.mark.slow
 def test_photos_that_are_gone_are_told_of_when_they_are_exported(
     place: Panoloc, panoloc: Panoloc, photos: Path, tmp_path: Path, out: Path
 ) -> None:

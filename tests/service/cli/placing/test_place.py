@@ -57,7 +57,6 @@ def test_a_log_is_told_now_and_then_how_far_it_is(
     assert "placing: 2 of 3: 2 localized" in place("--out", tmp_path / "slow").err.splitlines()
 
 
-@pytest.mark.slow
 def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
     place: Panoloc, panoloc: Panoloc, fake: FakeService, out: Path, tmp_path: Path
 ) -> None:
@@ -170,7 +169,6 @@ def test_two_runs_do_not_share_a_folder_and_one_that_was_killed_holds_none(
     assert place().code == 0
 
 
-@pytest.mark.slow
 def test_an_export_minds_a_georeference_that_came_after_the_photos_were_placed(
     place: Panoloc, panoloc: Panoloc, fake: FakeService, out: Path
 ) -> None:
@@ -195,7 +193,8 @@ def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
     place: Panoloc, panoloc: Panoloc, fake: FakeService, photos: Path, out: Path, tmp_path: Path
 ) -> None:
     fake.answers = {"is hall.jpg": {**answer_with("localized"), "map_id": "map_2"}}
-    assert panoloc("place", photos, "--tag", "house", "--out", out).code == 0
+    assert panoloc("place", photos, "--tag", "house", "--out", out, "--export", "tum").code == 0
+    assert (out / "map_2" / "tum").is_dir()
     assert sorted(path.name for path in out.glob("*.*g")) == ["contact-sheet.jpg", "plan-map_1.png", "plan-map_2.png"]
     # None of them is taken for a photo, and nothing is drawn in a map where no photo was found.
     fake.answers, fake.answer = {}, answer_with("not_localized")
@@ -204,7 +203,6 @@ def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
     assert [path.name for path in again.glob("*.*g")] == ["contact-sheet.jpg"]
 
 
-@pytest.mark.slow
 def test_the_panoramas_of_a_survey_are_placed_as_a_folder_of_them_is(
     panoloc: Panoloc, fake: FakeService, photos: Path, out: Path, tmp_path: Path
 ) -> None:

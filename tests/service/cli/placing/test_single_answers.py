@@ -4,15 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with
 
 EXIT_ERROR, EXIT_USAGE, EXIT_UNREACHABLE = 1, 2, 5
 
 
-@pytest.mark.slow
 def test_answers_are_exported_with_those_that_have_no_pose_beside(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
 ) -> None:
@@ -37,7 +34,6 @@ def test_answers_are_exported_with_those_that_have_no_pose_beside(
     assert len(json.loads((out / "geojson" / "photos.geojson").read_text())["features"]) == 1
 
 
-@pytest.mark.slow
 def test_each_frame_of_a_session_is_exported_with_its_own_pose(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
 ) -> None:
