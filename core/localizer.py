@@ -8,20 +8,19 @@ import torch
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.accuracy import Accuracy
+from panoloc.core.decide.agreement import agreement_by_photo
 from panoloc.core.decide.change_maps import ChangeMaps, change_maps
 from panoloc.core.decide.confidence import alias_margins, features_of, formal_radii, load_confidence_model
-from panoloc.core.decide.doubts import Doubts
 from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
-from panoloc.core.decide.photo_agreement import agreement_by_photo
-from panoloc.core.decide.verdict import verdict
+from panoloc.core.decide.verdict import Doubts, verdict
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import MAX_TOP_K, Hints, Method
 from panoloc.core.paper.paper_method import PaperMethod
-from panoloc.core.query.camera_check import CheckedCameras, checked_cameras
 from panoloc.core.query.engine import Engine
-from panoloc.core.query.field_of_view import bound_reached, searched_range_deg, with_found_camera
+from panoloc.core.query.focal_lengths import FoundCameras, found_cameras
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.core.stage_clock import StageClock
@@ -84,32 +83,22 @@ class Localizer:
         if method not in ("fast", "paper"):
             raise OptionsError(f"method: expected fast or paper, got {method!r}")
         clock = StageClock(timeout_s, self.device)
-        with torch.inference_mode(method == "fast"):
-            found = self._found(rig, maps, method, hints, clock)
+        if method == "fast" or rig.photos[0].hfov_range_deg is not None:
+            with torch.inference_mode():
+                result = self._engine.run(rig, maps, hints, clock)
+                cameras = found_cameras(rig, result.rig or rig, result.hypotheses)
+        else:
+            cameras = FoundCameras(rig)
+        if method == "paper":
+            result = self._paper.run(cameras.rig, maps, hints, clock)
         with torch.inference_mode():
-            answer = self._answer(found.result, maps, method, top_k, clock)
-            answer = self._for_rig(answer, found.rig, found.result.comparison)
-        answer = self._doubts.unless_plain(answer, found.result.edges_deg)
-        answer = self._with_cameras(self._doubts.unless_at_bound(answer, found.bound_deg), found)
+            answer = self._answer(result, maps, method, top_k, clock)
+            answer = self._for_rig(answer, cameras.rig, result.comparison)
+        answer = self._doubts.unless_plain(answer, result.edges_deg)
+        answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
         if answer.status == "not_localized" and not answer.warnings:
             answer = replace(answer, warnings=why_nothing_fits(rig, hints))
         return replace(answer, warnings=(*answer.warnings, *rig.left_out))
-
-    def _found(
-        self, rig: Rig, maps: Sequence[MapIndex], method: Method, hints: Hints | None, clock: StageClock
-    ) -> CheckedCameras:
-        """Run a method with the cameras that fit best."""
-        range_deg = searched_range_deg(rig)
-        if range_deg is not None:
-            with torch.inference_mode():
-                rig = with_found_camera(self._engine, rig, maps, hints, clock, self.config.field_of_view)
-        run = self._engine.run if method == "fast" else self._paper.run
-        result = run(rig, maps, hints, clock)
-        if range_deg is not None:
-            return CheckedCameras(rig, result, True, bound_deg=bound_reached(rig.photos[0].camera, range_deg))
-        if method == "paper":
-            return CheckedCameras(rig, result)
-        return checked_cameras(self._engine, rig, maps, hints, clock, result, self.config)
 
     def _answer(
         self, result: MethodResult, maps: Sequence[MapIndex], method: Method, top_k: int, clock: StageClock
@@ -154,14 +143,13 @@ class Localizer:
             ),
         )
 
-    def _with_cameras(self, found: Localization, cameras: CheckedCameras) -> Localization:
+    def _with_cameras(self, found: Localization, cameras: FoundCameras, noise: Accuracy) -> Localization:
         """Return the answer with what is known of the cameras, and what that leaves open."""
-        images = cameras.rig.photos
         if cameras.are_others:
-            found = replace(found, found_cameras=tuple(photo.camera for photo in images))
+            found = replace(found, found_cameras=tuple(photo.camera for photo in cameras.rig.photos))
         if cameras.warnings and found.status != "not_localized":
             found = replace(found, warnings=(*found.warnings, *cameras.warnings))
-        if found.status == "not_localized" and cameras.result.noise.share_right < self._confidence.threshold:
+        if found.status == "not_localized" and noise.share_right < self._confidence.threshold:
             found = replace(found, warnings=(*found.warnings, _NOISE_IS_TOO_LARGE))
         return found
 

@@ -29,10 +29,6 @@ class StageClock:
                 torch.cuda.synchronize(self._device)
             self.timings_s[name] = self.timings_s.get(name, 0.0) + time.monotonic() - began
 
-    def is_past_half(self) -> bool:
-        """Tell whether less time is left than was used, so that nothing as long as all of it should begin."""
-        return self._timeout_s is not None and 2 * self._elapsed_s() > self._timeout_s
-
     def _elapsed_s(self) -> float:
         return time.monotonic() - self._started
 

@@ -81,6 +81,11 @@ class Camera:
         focal_px = width_px / 2 / (math.tan(half) if model in ("pinhole", "opencv") else half)
         return cls(model, width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2)
 
+    def solid_angle(self, factor: float = 1.0) -> float:
+        """Return the solid angle (steradian) that the camera would see without distortion, its focal length longer by a factor."""
+        width, height = self.width_px / (2 * factor * self.fx_px), self.height_px / (2 * factor * self.fy_px)
+        return 4 * math.asin(width * height / math.sqrt((1 + width**2) * (1 + height**2)))
+
     @property
     def hfov_deg(self) -> float:
         """Return about how wide the image is, degrees, leaving distortion aside."""
@@ -176,6 +181,11 @@ class CameraDescription:
                 f"hfov_range_deg: expected two rising numbers from {MIN_UNKNOWN_HFOV_DEG:g} to {MAX_UNKNOWN_HFOV_DEG:g} degrees, "
                 f"got {least:g} and {most:g}"
             )
+
+    @property
+    def focal_uncertainty(self) -> float:
+        """Return the share that the focal length may be off by (68 %): intrinsics are measured, a field of view is rounded to a degree."""
+        return 0.0 if self.hfov_deg is None else math.radians(0.34) / math.sin(math.radians(min(self.hfov_deg, 90.0)))
 
     def is_as_stored(self, stored: tuple[int, int]) -> bool:
         """Tell whether the description is of an image (width, height) as it is stored, before EXIF turns it: sensors have no upright."""

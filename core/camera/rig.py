@@ -99,12 +99,12 @@ class Rig:
             f"image {number}: {words}" for number, photo in enumerate(self.photos, 1) for words in photo.left_out
         )
 
-    def with_focal_factor(self, factor: float, uncertainty: float = 0.0) -> "Rig":
-        """Return the rig with cameras of longer focal lengths, by a factor, which may be off by a share; they are known then."""
+    def with_focal_factor(self, factor: float) -> "Rig":
+        """Return the rig with cameras of longer focal lengths, by a factor."""
 
         def scaled(photo: Photo) -> Photo:
             """Return an image with such a camera."""
             camera = replace(photo.camera, fx_px=factor * photo.camera.fx_px, fy_px=factor * photo.camera.fy_px)
-            return replace(photo, camera=camera, hfov_range_deg=None, focal_uncertainty=uncertainty)
+            return replace(photo, camera=camera)
 
         return replace(self, images=tuple(replace(image, photo=scaled(image.photo)) for image in self.images))

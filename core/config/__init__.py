@@ -9,30 +9,28 @@ from panoloc.core.config.judge import ChangeConfig, JudgeConfig
 from panoloc.core.config.lines import LineConfig
 from panoloc.core.config.localizer import LocalizerConfig, PaperConfig
 from panoloc.core.config.refinement import (
-    HalvesConfig,
+    COINCIDING,
     MediumRound,
     RefinementConfig,
     StepConfig,
     StoppingRule,
 )
 from panoloc.core.config.search import (
-    CameraCheckConfig,
-    FieldOfViewConfig,
+    FocalConfig,
     PoseDistance,
     SearchConfig,
 )
 
 __all__ = [
+    "COINCIDING",
     "CONTRAST",
     "LIGHT_FIT",
     "RENDERING",
     "AliasConfig",
-    "CameraCheckConfig",
     "ChangeConfig",
     "ContrastConfig",
     "DescriptorConfig",
-    "FieldOfViewConfig",
-    "HalvesConfig",
+    "FocalConfig",
     "IndexConfig",
     "JudgeConfig",
     "LightFitConfig",

@@ -8,19 +8,19 @@ class ContrastConfig:
     """Local contrast (see `panoloc.core.features.local_contrast`)."""
 
     darkest: float = 0.03  # colour, added before the logarithm: below it there is only noise
-    sampled_rows: int = 64  # of a large image these say as much of the surroundings as all of it
-    rows: int = 16  # of the image in which surroundings are averaged; they are smooth
+    rows: int = (
+        16  # of the image in which surroundings are averaged; they are smooth, and four times as many rows tell them
+    )
     concentration: float = 40.0  # of the weights around a direction: a standard deviation of 9 degrees
     scale: float = 0.5  # logarithm of the ratio at which contrast begins to saturate
+    noise: float = 1e-3  # variance of colours in a patch below which contrast is noise
 
 
 @dataclass(frozen=True)
 class LightFitConfig:
-    """Gain and offset between scan and photo (see `panoloc.core.features.light_fit`)."""
+    """Gain and offset between scan and photo (see `panoloc.core.decide.change_maps`)."""
 
-    min_gain: float = 0.3
-    max_gain: float = 3.0
-    prior: float = 1e-3  # variance of colours with which a gain of 1 counts
+    most_gain: float = 3.0  # and at least one over it
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,6 @@ class AliasConfig:
     turns: int = 24  # about the vertical
     turned_deg: float = 60.0  # beside the start, less than this is the place itself
     elsewhere_m: float = 1.5  # nearer is the place itself
-    beside_m: float = 0.6
     # Of the score of the starts beside it (equal rooms have 0.9 and more, the rest of a building up to 0.7), by patches twice as large and
     # by these; or so much by itself (2.0 and more, up to 1.8).
     first_share: float = 0.6

@@ -10,18 +10,14 @@ class JudgeConfig:
     """The scan rendered at a refined pose against the panorama, and which poses differ (see `panoloc.core.decide`)."""
 
     rows: int = 64  # of the rendering of all candidates, those of little share at twice these once they are fewer
-    final_rows: int = 128
     patch_deg: float = 22.5  # of rigs that cover little half of it
-    min_variance: float = 1e-4  # of canonical colours; below it contrast is noise
-    min_patch_variance: float = 1e-3
     # Of the score, where lines agree with a rotation no more than with any (see `panoloc.core.features.line_support`); of ones in between,
     # less.
     lines_share: float = 0.3
-    merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
     distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
     # One of several images contradicts the pose of the others where its correlation and the share of its patches that agree are below
-    # these, and its contrast is not (see `panoloc.core.decide.photo_agreement`); and the share of images that may.
+    # these, and its contrast is not (see `panoloc.core.decide.agreement`); and the share of images that may.
     contradiction: float = 0.45
     contradicting_patches: float = 0.2
     telling_contrast: float = 0.15
@@ -33,15 +29,10 @@ class JudgeConfig:
     # soft light, with and without grain, the richest 46; 20 degrees of a photo had 75 and were put elsewhere.
     least_edges_deg: float = 90.0
     agreement: float = 0.5  # correlation from which on a patch agrees, or an image surely shows what is there
-    photo_patch_rows: int = 16  # from pole to pole: patches of 11 degrees, for each image alone
     rivals: int = 3  # places elsewhere that are judged as the best one is
     alias_least: float = 0.5  # of the score of the best; aliases that fit less well are left at that
     # An answer that is this sure is the answer; one at a single place may be less so once all candidates of a search were looked at.
     sure: float = 0.8
-    sure_at_end: float = 0.75
-    # Below this, or where the scan explains less than the share of the contrast, it is searched once more near the pose found.
-    beyond_doubt: float = 0.97
-    doubtful_explained: float = 0.2
     narrow_share: float = 0.3  # of the sphere; rigs that cover less are looked at more closely
 
 
@@ -50,5 +41,4 @@ class ChangeConfig:
     """What has changed since the scan (see `panoloc.core.decide.change_maps`)."""
 
     half_score_difference: float = 0.2  # of canonical colours; the score is 0.5 there
-    changed_below: float = 0.5  # score
     sampled_points: int = 50_000  # of the scan, enough for a fraction

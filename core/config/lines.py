@@ -22,10 +22,3 @@ class LineConfig:
     fewest_edges: int = 40
     least_walls: float = 0.6
     least_contrast: float = 0.2
-    # The hold on rotations that are refined (see `panoloc.core.features.line_hold`): of those that miss no more than this
-    # of what the best one has, the less the more they miss; noise of edges, how many of them, and how much they count
-    # beside the loss, on what starts see, in the rounds between, and at full resolution.
-    held_within: float = 0.2
-    hold_noise_deg: float = 2.5
-    hold_edges: int = 400
-    hold_strengths: tuple[float, float, float] = (1.0, 0.3, 0.02)

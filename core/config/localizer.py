@@ -6,7 +6,7 @@ from panoloc.core.config.index import AliasConfig, DescriptorConfig
 from panoloc.core.config.judge import ChangeConfig, JudgeConfig
 from panoloc.core.config.lines import LineConfig
 from panoloc.core.config.refinement import RefinementConfig
-from panoloc.core.config.search import CameraCheckConfig, FieldOfViewConfig, SearchConfig
+from panoloc.core.config.search import FocalConfig, SearchConfig
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,7 @@ class LocalizerConfig:
     descriptors: DescriptorConfig = DescriptorConfig()
     aliases: AliasConfig = AliasConfig()
     search: SearchConfig = SearchConfig()
-    field_of_view: FieldOfViewConfig = FieldOfViewConfig()
-    camera_check: CameraCheckConfig = CameraCheckConfig()
+    focal: FocalConfig = FocalConfig()
     refinement: RefinementConfig = RefinementConfig()
     judge: JudgeConfig = JudgeConfig()
     change: ChangeConfig = ChangeConfig()

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from panoloc.core.config.search import PoseDistance
 
+COINCIDING = PoseDistance(0.1, 3.0)  # what candidates that are nearer have converged to is one pose
+
 
 @dataclass(frozen=True)
 class StoppingRule:
@@ -26,24 +28,10 @@ class StepConfig:
     damping: float = 0.05  # of the diagonal
     relaxation: float = 1.3  # the first step is this much longer, later ones by what the last one fell short
     max_relaxation: float = 1.5
-    max_turn_rad: float = 0.1
-    max_move_m: float = 0.15
+    max_step_m: float = 0.15
     robust_scale: float | None = (
         None  # of the median residual, at which a point counts a quarter; None: points keep their vote
     )
-    min_ratio: float = 1e-4  # floor of that median, squared and over the variance of a patch
-    min_variance: float = 1e-3  # of aligned colours in a patch; below it contrast is noise
-
-
-@dataclass(frozen=True)
-class HalvesConfig:
-    """Whether halves of a picture, refined apart from the pose found, meet at one (see
-    `panoloc.core.refine.halves`)."""
-
-    square_deg: float = 11.25  # of the chessboard that parts them
-    rows: int = 128  # of the level they are refined on: finer ones hold them where they are
-    every: int = 2  # of the points; with a quarter of them halves of right poses end twice as far apart
-    iterations: int = 6
 
 
 @dataclass(frozen=True)
@@ -61,20 +49,13 @@ class RefinementConfig:
 
     # Coarse, on what starts see, at half the rows of a view and at all of them: points, of what a rig shows that covers `coarse_share` or
     # less, more of others; around what images show, likewise dense, a margin that poses may turn.
-    start_view_rows: int = 64
     coarse_points: int = 400
     coarse_share: float = 0.085
     most_coarse_points: int = 1600
     coarse_margin_deg: float = 35.0
     coarse_iterations: tuple[int, int] = (16, 12)
-    coarse_patch_deg: float = 22.5
-    coarse_step: StepConfig = StepConfig(
-        damping=0.1, relaxation=1.0, max_turn_rad=0.2, max_move_m=0.3, robust_scale=2.0
-    )
-    coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, PoseDistance(0.1, 2.865))
-    # Of candidates refined at half the rows so many go on: a share, but so many of the best at least.
-    kept_share: float = 0.5
-    kept: int = 10
+    coarse_step: StepConfig = StepConfig(damping=0.1, relaxation=1.0, max_step_m=0.3, robust_scale=2.0)
+    coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, COINCIDING)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light, less where millimetres count.
     coarse_contrast: float = 0.8
     medium_contrast: float = 0.4
@@ -83,7 +64,7 @@ class RefinementConfig:
     # where poses are nearly right points keep it: they come half as near without.
     margin_deg: float = 8.0
     medium_candidates: int = 12
-    medium_margin: float = 0.35  # of the best score; candidates further behind it never won
+    margin: float = 0.35  # of the best score; candidates further behind it never won
     medium_points: int = 2048
     medium_rounds: tuple[MediumRound, ...] = (
         MediumRound(64, 22.5, 2.0),
@@ -94,8 +75,6 @@ class RefinementConfig:
     medium_stop: StoppingRule = StoppingRule(0.002, 0.002, interval=3)
     # Fine, at full resolution: of rigs that cover little at twice these rows.
     fine_candidates: int = 2
-    fine_margin: float = 0.35  # of the best score
-    fine_patch_deg: float = 11.25
     fine_rows: int = 256
     fine_points: int = 8000
     fine_iterations: int = 6
@@ -103,14 +82,10 @@ class RefinementConfig:
     finest_iterations: int = 4
     fine_stop: StoppingRule = StoppingRule(0.0003, 0.0003, interval=2)
     # Of the rendering that finds the points seen at full resolution; half where points fall into less than this share of the pixels.
-    visibility_rows: int = 256
     least_filled: float = 0.1
     step: StepConfig = StepConfig()
-    halves: HalvesConfig = HalvesConfig()
-    # Together with a focal length: rows of the levels, and steps on each; and of a first look whether a known one fits.
-    focal_rows: tuple[int, ...] = (64, 128)
-    focal_iterations: int = 12
-    pull_iterations: int = 3
+    # Of the points, by which halves of a picture are refined apart: with a quarter those of right poses end twice as far apart.
+    halves_every: int = 2
 
     def coarse_points_of(self, share: float) -> int:
         """Return how many points are aligned on what starts see, of a rig that covers a `share` of the sphere."""

@@ -3,7 +3,10 @@
 import math
 from dataclasses import dataclass
 
+from panoloc.core.config import PoseDistance
+
 RIGHT_M, RIGHT_DEG = 0.3, 10.0  # nearer than both a pose is right
+RIGHT = PoseDistance(RIGHT_M, RIGHT_DEG)
 _HELD = 0.68  # of the poses are within their radii
 
 

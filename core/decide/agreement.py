@@ -13,10 +13,48 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from panoloc.core.config import JudgeConfig
+from panoloc.core.config import CONTRAST, JudgeConfig
 from panoloc.core.decide.hypotheses import Hypothesis
-from panoloc.core.decide.patch_correlation import correlation, correlation_in_patches, in_patches, in_shifted_patches
+from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.render.comparison import Comparison
+
+
+def correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joint_channels: bool = False) -> Tensor:
+    """Return weighted correlations (..., C), or (..., 1) over all channels together, of (..., S, C) with shares (..., S).
+
+    `floor` is a variance below which contrast is noise.
+    """
+    weight = share[..., None]
+    first = first - (weight * first).sum(-2, keepdim=True)
+    second = second - (weight * second).sum(-2, keepdim=True)
+    covariance = (weight * first * second).sum(-2)
+    variances = (weight * first.square()).sum(-2), (weight * second.square()).sum(-2)
+    if joint_channels:
+        covariance = covariance.sum(-1, keepdim=True)
+        variances = variances[0].sum(-1, keepdim=True), variances[1].sum(-1, keepdim=True)
+    return covariance / ((variances[0] + floor) * (variances[1] + floor)).sqrt()
+
+
+def correlation_in_patches(patches: Tensor, floor: float) -> tuple[Tensor, Tensor]:
+    """Return the correlation (K, P) inside each of the patches (K, P, S, 7), of colours, colours and shares, and their shares (K, P)."""
+    weight = patches[..., 6]
+    mass = weight.sum(-1)
+    share = weight / mass.clamp_min(1e-12)[..., None]
+    inside = correlation(patches[..., :3], patches[..., 3:6], share, floor, joint_channels=True)
+    return inside[..., 0], mass
+
+
+def in_patches(values: Tensor, window: SphereWindow, side: int, before: int = 0) -> Tensor:
+    """Reorder pixels (K, H W, C) of a window to (K, patches, pixels of a patch, C).
+
+    Patches are `side` pixels high and wide; the first begins `before` pixels above and left of the window, beyond which all is zero.
+    """
+    batch, _, channels = values.shape
+    below, right = -(window.height + before) % side, -(window.width + before) % side
+    image = values.view(batch, window.height, window.width, channels)
+    image = torch.nn.functional.pad(image, (0, 0, before, right, before, below))
+    grid = image.unfold(1, side, side).unfold(2, side, side)  # (K, rows, columns, C, side, side)
+    return grid.flatten(4).transpose(3, 4).flatten(1, 2)
 
 
 @dataclass(frozen=True)
@@ -39,7 +77,7 @@ class Agreement:
 
 
 def agreement(
-    comparison: Comparison, config: JudgeConfig, share: float, patch_deg: float, lines: Tensor | None = None
+    comparison: Comparison, config: JudgeConfig, share: Tensor | float, patch_deg: float, lines: Tensor | None = None
 ) -> Agreement:
     """Measure how well the two sides of a comparison agree.
 
@@ -50,10 +88,10 @@ def agreement(
     pixel_share = comparison.weights / total
     window = comparison.views.window
     sides = torch.cat((scan, seen, pixel_share[..., None]), dim=-1)
-    side, floor = round(window.rows * patch_deg / 180), config.min_patch_variance
+    side, floor = round(window.rows * patch_deg / 180), CONTRAST.noise
     # In patches that begin in the middle of those as well: a photo has thirty, and where their borders lie decides much.
-    first = correlation_in_patches(in_patches(sides, window.height, side), floor)
-    again = correlation_in_patches(in_shifted_patches(sides, window, side), floor)
+    first = correlation_in_patches(in_patches(sides, window, side), floor)
+    again = correlation_in_patches(in_patches(sides, window, side, side // 2), floor)
     inside, mass = torch.cat((first[0], again[0]), dim=1), torch.cat((first[1], again[1]), dim=1) / 2
     coverage = total[:, 0] / (4 * torch.pi)
     relative_coverage = (coverage / share).clamp(0, 1)
@@ -64,7 +102,7 @@ def agreement(
     if lines is not None:
         score = score * (1 - config.lines_share * (1 - lines))
     return Agreement(
-        correlation(scan, seen, pixel_share, config.min_variance).mean(-1),
+        correlation(scan, seen, pixel_share, CONTRAST.noise).mean(-1),
         (inside * mass).sum(-1),
         coverage,
         relative_coverage,
@@ -91,3 +129,49 @@ def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hyp
         replace(h, score=score, measures=dict(zip(names, values, strict=True)))
         for h, (score, *values) in zip(group, columns.tolist(), strict=True)
     ]
+
+
+@dataclass(frozen=True)
+class PhotoAgreement:
+    """What a photo shows of the scan, against the scan seen from its pose.
+
+    correlation: of all pixels, −1..1. agreeing_share: of what it shows, in patches that agree, 0..1. contrast: standard deviation of
+    its colours inside patches.
+    """
+
+    correlation: float
+    agreeing_share: float
+    contrast: float
+
+    def contradicts(self, config: JudgeConfig) -> bool:
+        """Tell whether the photo cannot be of where it is said to be."""
+        agrees = self.correlation >= config.contradiction or self.agreeing_share >= config.contradicting_patches
+        return not agrees and self.contrast >= config.telling_contrast
+
+
+def agreement_by_photo(comparison: Comparison | None, count: int, config: JudgeConfig) -> list[PhotoAgreement | None]:
+    """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view."""
+    if comparison is None:
+        return [None] * count
+    found = []
+    for number in range(count):
+        weights = comparison.weights * (comparison.image == number)
+        found.append(_agreement(comparison, weights, config) if float(weights.sum()) > 0 else None)
+    return found
+
+
+def _agreement(comparison: Comparison, weights: Tensor, config: JudgeConfig) -> PhotoAgreement:
+    """Measure one photo, whose pixels alone have weights (1, S)."""
+    shares = weights / weights.sum()
+    scan, photo, window = comparison.scan, comparison.seen, comparison.views.window
+    sides = torch.cat((scan, photo, shares[..., None]), dim=-1)
+    patches = in_patches(sides, window, round(window.rows * config.patch_deg / 360))
+    inside, mass = correlation_in_patches(patches, CONTRAST.noise)
+    within = patches[..., 6:] / mass.clamp_min(1e-12)[..., None, None]
+    colors = patches[..., 3:6]
+    spread = (within * (colors - (within * colors).sum(-2, keepdim=True)).square()).sum((-2, -1)).sqrt()
+    return PhotoAgreement(
+        float(correlation(scan, photo, shares, CONTRAST.noise).mean()),
+        float(((inside >= config.agreement) * mass).sum()),
+        float((spread * mass).sum()),
+    )

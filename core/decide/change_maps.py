@@ -12,8 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from panoloc.core.config import ChangeConfig
-from panoloc.core.features.light_fit import fit_gain_offset
+from panoloc.core.config import CONTRAST, LIGHT_FIT, ChangeConfig
 from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear, wrap_border
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.render.render_cloud import RenderCloud
@@ -43,14 +42,14 @@ def change_maps(
     scores = _pixel_scores(comparison, config).view(height, width)
     seen = comparison.weights[0].view(height, width) > 0
     total = comparison.weights.sum().clamp_min(1e-9)
-    changed = (comparison.weights[0] * (scores.flatten() < config.changed_below)).sum() / total
+    changed = (comparison.weights[0] * (scores.flatten() < 0.5)).sum() / total
     in_view = torch.where(seen, scores, torch.full_like(scores, torch.nan))
     depth, map_from_view = comparison.views.depth[0], comparison.views.map_from_view[0]
     # Every k-th point along the curve is an even sample of the scan, enough for a fraction.
     sample = cloud.positions[:: max(1, len(cloud.positions) // config.sampled_points)]
     points = _point_scores(in_view, depth, (sample - position) @ map_from_view, cloud.spacing)
     known = ~points.isnan()
-    changed_points = (points[known] < config.changed_below).float().mean() if bool(known.any()) else torch.zeros(())
+    changed_points = (points[known] < 0.5).float().mean() if bool(known.any()) else torch.zeros(())
     directions = pixel_directions(height, width, rotation.device) @ (rotation.T @ map_from_view)
     u, v = project(directions, height, width)
     share = sample_bilinear(torch.stack((scores * seen, seen.float())), u, v)
@@ -100,3 +99,29 @@ def _point_scores(in_view: Tensor, depth: Tensor, relative: Tensor, spacing: flo
     """
     pixel, visible = visible_points(relative, spacing, depth)
     return torch.where(visible, in_view.flatten()[pixel], torch.nan)
+
+
+def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Return gain and offset (K, 3) that bring `source` (K, N, 3) nearest to `target`, weighted (K, N); gains stay within `LightFitConfig`.
+
+    A small prior towards gain 1 keeps the fit defined where there is no contrast.
+    """
+    return fit_planes(source.transpose(1, 2).contiguous(), target.transpose(1, 2).contiguous(), weights)
+
+
+def fit_planes(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Do what `fit_gain_offset` does for planes (K, 3, N)."""
+    share = weights / weights.sum(-1, keepdim=True).clamp_min(1e-9)
+    mean_source, mean_target = weighted_sums(source, share), weighted_sums(target, share)
+    centered = source - mean_source[..., None]
+    weighted = centered * share[:, None]
+    variance, covariance = (weighted * centered).sum(-1), (weighted * target).sum(-1)
+    gain = ((covariance + CONTRAST.noise) / (variance + CONTRAST.noise)).clamp(
+        1 / LIGHT_FIT.most_gain, LIGHT_FIT.most_gain
+    )
+    return gain, mean_target - gain * mean_source
+
+
+def weighted_sums(planes: Tensor, weights: Tensor) -> Tensor:
+    """Return the sums (K, C) over the points of planes (K, C, N) weighted by (K, N)."""
+    return (planes * weights[:, None]).sum(-1)

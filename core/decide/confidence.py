@@ -19,9 +19,9 @@ from panoloc.core.decide.hypotheses import Hypothesis
 _USUALLY_APART = 7.0  # times the formal radius, halves of images whose pose is right; half of them are farther apart
 _GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other
 _FAR_AHEAD = 0.5  # of the score; places that are farther behind say nothing more
-# Of what was not measured: logarithms of how many times nearer than what is right halves meet, and of how much sharper the loss is; how
-# distinct places are that have no rival; and how well lines agree that are not asked.
-_UNKNOWN_HALVES, _UNKNOWN_SHARPNESS, _UNKNOWN_DISTINCTNESS, _UNKNOWN_LINES = 1.0, 3.5, 0.5, 0.8
+# Of what was not measured: the logarithm of how many times nearer than what is right halves meet; how distinct places are that have no
+# rival; and how well lines agree that are not asked.
+_UNKNOWN_HALVES, _UNKNOWN_DISTINCTNESS, _UNKNOWN_LINES = 1.0, 0.5, 0.8
 _BLIND = 10.0, 180.0  # formal radii, metres and degrees, where nothing is known
 _LEAST_LOGARITHM, _MOST_LOGARITHM = -1.0, 7.0
 FEATURES = (
@@ -30,7 +30,6 @@ FEATURES = (
     "margin",
     "distinctness",
     "halves",
-    "sharpness",
     "lines",
 )
 
@@ -88,7 +87,7 @@ class ConfidenceModel:
         Between places that look the same only the scores tell: their probabilities go with powers of these.
         """
         odds = sum(math.exp(-self.alias_power * margin) for margin in alias_margins(best, rivals))
-        return self.probability(features_of(best, rivals)) / (1 + odds)
+        return self.probability(features_of(best, rivals)) / (1 + odds + best.measures.get("focal_odds", 0.0))
 
     def accuracy(self, hypothesis: Hypothesis, noise: Accuracy = NO_NOISE) -> Accuracy:
         """Return the radii of a pose. noise: what adds to the errors of the pose itself."""
@@ -118,14 +117,12 @@ def load_confidence_model() -> ConfidenceModel:
 
 def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, float]:
     """Return the features of a pose against its rivals at other places."""
-    measures, formal = best.measures, formal_radii(best)
-    halves, sharpness = _UNKNOWN_HALVES, _UNKNOWN_SHARPNESS
+    measures = best.measures
+    halves = _UNKNOWN_HALVES
     if "halves_apart_m" in measures:
         halves = _times_nearer(
             math.hypot(measures["halves_apart_m"] / RIGHT_M, measures["halves_apart_deg"] / RIGHT_DEG)
         )
-    if formal is not None:
-        sharpness = _times_nearer(formal[1] / RIGHT_DEG)
     alike = [rival.likeness for rival in rivals if rival.likeness is not None]
     return {
         "agreement": measures["patch_correlation"],
@@ -133,7 +130,6 @@ def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, flo
         "margin": _margin(best, [rival for rival in rivals if not rival.is_alias]),
         "distinctness": 1 - min(1.0, max(0.0, *alike) / max(best.score, 1e-6)) if alike else _UNKNOWN_DISTINCTNESS,
         "halves": halves,
-        "sharpness": sharpness,
         "lines": measures.get("lines", _UNKNOWN_LINES),
     }
 

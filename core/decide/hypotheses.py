@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
+from panoloc.core.camera.rig import Rig
 from panoloc.core.config import PoseDistance
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.geometry.distinct_poses import first_distinct
@@ -27,7 +28,8 @@ class Hypothesis:
     color_model: how colours of scan and photo were brought together. likeness: to the best hypothesis, the score that the scan as the
     images would show it here has beside the scan as they would show it there; None where it was not measured. is_alias: whether all that
     the scan shows from here looks as it does at the best hypothesis. beyond_limits: whether the images alone would tilt it farther than the
-    limits allow, so that it fits these rather than the images.
+    limits allow, so that it fits these rather than the images. log_focal: logarithm of the factor by which the focal length is longer than
+    that of the rig, None where it is as that of the rig; information: of the images of it, as of `Refined`.
     """
 
     map_number: int
@@ -44,6 +46,8 @@ class Hypothesis:
     likeness: float | None = None
     is_alias: bool = False
     beyond_limits: bool = False
+    log_focal: float | None = None
+    information: float = 0.0
 
     def is_near(self, other: "Hypothesis", near: PoseDistance) -> bool:
         """Tell whether both are the same place and orientation of the same map within the limits."""
@@ -56,9 +60,8 @@ class Hypothesis:
 class MethodResult:
     """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log.
 
-    edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels. focal_pull: how strongly photos want
-    another focal length at the best pose (see `panoloc.core.query.camera_check`). noise: what tracking and focal length add to
-    the errors of the best pose.
+    edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels. noise: what tracking and focal length
+    add to the errors of the best pose. rig: the one from whose focal lengths those of hypotheses are counted; None: the one given.
     """
 
     hypotheses: list[Hypothesis]
@@ -68,8 +71,8 @@ class MethodResult:
     num_poses: int
     num_rotations: int
     edges_deg: float | None = None
-    focal_pull: float = 0.0
     noise: Accuracy = NO_NOISE
+    rig: Rig | None = None
 
 
 def by_map(hypotheses: Sequence[Hypothesis]) -> Iterator[tuple[int, list[Hypothesis]]]:
@@ -86,7 +89,14 @@ def stacked_poses(hypotheses: Sequence[Hypothesis]) -> tuple[Tensor, Tensor]:
 
 def with_refined(group: Sequence[Hypothesis], refined: Refined) -> list[Hypothesis]:
     """Return those hypotheses of a group (K) that refinement left, with their new poses and what the last step told of them."""
-    columns = (refined.numbers, refined.loss, refined.scale, refined.steps)
+    columns = (
+        refined.numbers,
+        refined.loss,
+        refined.scale,
+        refined.steps,
+        refined.log_focals,
+        refined.information,
+    )
     # In one piece: each that a GPU is asked for is waited for.
     figures = torch.cat(
         (torch.stack([c.double() for c in columns], dim=1), refined.hessian.double().flatten(1)), 1
@@ -97,11 +107,13 @@ def with_refined(group: Sequence[Hypothesis], refined: Refined) -> list[Hypothes
             rotation=refined.rotations[k],
             position=refined.positions[k],
             loss=loss,
-            hessian=figures[k, 4:].view(6, 6),
+            hessian=figures[k, 6:].view(6, 6),
+            log_focal=None if group[int(number)].log_focal is None else log_focal,
+            information=information,
             residual_scale=scale,
             iterations=group[int(number)].iterations + int(steps),
         )
-        for k, (number, loss, scale, steps) in enumerate(figures[:, :4].tolist())
+        for k, (number, loss, scale, steps, log_focal, information) in enumerate(figures[:, :6].tolist())
     ]
 
 

@@ -4,13 +4,15 @@ One model decides: a pose is localized where it is probably right; ambiguous whe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from panoloc.core.config import JudgeConfig
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
+from panoloc.core.decide.agreement import PhotoAgreement
 from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import Hypothesis, distinct
 from panoloc.core.options import Status
+from panoloc.core.results import Localization
 
 
 @dataclass(frozen=True)
@@ -61,3 +63,75 @@ def _left_over(places: Sequence[Hypothesis], left: float, most: float) -> list[f
     """
     total = sum(max(place.score, 0.0) for place in places)
     return [min(most, left * max(place.score, 0.0) / max(total, 1e-12)) for place in places]
+
+
+class Doubts:
+    """The rules. threshold: the confidence from which on an answer is localized."""
+
+    def __init__(self, config: JudgeConfig, threshold: float) -> None:
+        self._config, self._threshold = config, threshold
+
+    def unless_contradicted(self, found: Localization, agreements: Sequence[PhotoAgreement | None]) -> Localization:
+        """Return the answer, not localized where images contradict the pose that fits the others: more than a few, or the first.
+
+        Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
+        """
+        judge = self._config
+        known = [each.correlation for each in agreements if each is not None]
+        doubtful = [k for k, each in enumerate(agreements) if each is not None and each.contradicts(judge)]
+        best = found.best
+        if best is None or not doubtful or len(agreements) == 1:
+            return found
+        if found.status == "not_localized" and max(known) < judge.agreement:
+            return found  # of another place, all of them: nothing that some of them contradict
+        share = len(doubtful) / len(agreements)
+        found = replace(found, warnings=(*found.warnings, _contradiction(doubtful, len(agreements))))
+        if found.status == "not_localized" or (share <= judge.contradicting_share and doubtful[0] > 0):
+            return found
+        return self._refused(found, best.confidence * (1 - share))
+
+    def unless_plain(self, found: Localization, edges_deg: float | None) -> Localization:
+        """Return the answer, not localized where images show hardly any edges: a plain wall in soft light fits in many places, and which of
+        them fits best is chance. edges_deg: how long all edges are together; None: nobody knows."""
+        if found.status == "not_localized" or edges_deg is None or edges_deg >= self._config.least_edges_deg:
+            return found
+        warning = "the image shows next to no edges, as a plain wall does; take one that shows more of the place"
+        return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
+
+    def unless_at_bound(self, found: Localization, bound_deg: float | None) -> Localization:
+        """Return the answer, not localized where the photo fits best with a field of view at one of the bounds that it was searched
+        within: it may lie beyond."""
+        if bound_deg is None:
+            return found
+        at_bound = f"when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg"
+        if found.status == "not_localized":
+            lost = f"nothing fits well enough; what fits best does so {at_bound}: widen the range if the photo may lie beyond"
+            return replace(found, warnings=(*found.warnings, lost))
+        warning = f"the photo fits best {at_bound}; widen the range"
+        return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
+
+    def _refused(self, found: Localization, confidence: float, warning: str | None = None) -> Localization:
+        """Return the answer as one that is not localized, no surer than that and half the threshold; nor are its alternatives."""
+        assert found.best is not None
+        most = min(confidence, self._threshold / 2)
+        others = tuple(replace(other, confidence=min(other.confidence, most)) for other in found.alternatives)
+        warnings = found.warnings if warning is None else (*found.warnings, warning)
+        best = replace(found.best, confidence=most)
+        return replace(found, status="not_localized", best=best, alternatives=others, warnings=warnings)
+
+
+def _contradiction(doubtful: Sequence[int], count: int) -> str:
+    """Say of which images, counted from 0, the poses or cameras must be wrong."""
+    numbers = [str(k + 1) for k in doubtful]
+    if len(numbers) == 1:
+        said, whose = (
+            f"image {numbers[0]} of {count} does",
+            "its session_from_camera and the field of view of its camera",
+        )
+    else:
+        said, whose = (
+            f"images {', '.join(numbers[:-1])} and {numbers[-1]} of {count} do",
+            "their session_from_camera and the field of view of their cameras",
+        )
+    unless = "unless much of what is seen there has changed"
+    return f"{said} not agree with the pose that fits the others; check frame, {whose}, {unless}"

@@ -65,7 +65,7 @@ class CanonicalColors:
     def _surroundings(self) -> list[Tensor]:
         """Return the mean logarithm of colours around each pixel of small windows (3, h, w), over all images as one sphere."""
         if self._means is None:
-            fine, small = self.pyramid.windows(CONTRAST.sampled_rows), self.pyramid.windows(CONTRAST.rows)
+            fine, small = self.pyramid.windows(4 * CONTRAST.rows), self.pyramid.windows(CONTRAST.rows)
             logarithms = (fine.color + CONTRAST.darkest).log_() * fine.valid
             planes = fine.inside(torch.cat((logarithms, fine.valid[None])))
             sizes = [window.valid.shape for window in small.each]

@@ -11,9 +11,21 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import LineConfig
-from panoloc.core.features.edge_model import LEAST_SINE, alignment_ratio
 from panoloc.core.features.photo_edges import Edges
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
+
+LEAST_SINE = 0.05  # of the angle from an edge to a vanishing point; nearer ones say nothing of the direction of an edge
+
+
+def alignment_ratio(off_square: Tensor, noise: float, aligned_share: float) -> Tensor:
+    """Return how much likelier edges are along an axis than anywhere, of any shape.
+
+    off_square: squared angles between edges and the way to the vanishing point of the axis, radians; noise: their standard deviation,
+    radians. aligned_share: of all edges, that are along one of three axes. Edges that run anywhere have the density 1 / π.
+    """
+    peak = aligned_share / 3 * math.pi / (noise * math.sqrt(2 * math.pi)) / (1 - aligned_share)
+    return (off_square * (-0.5 / noise**2)).exp() * peak
+
 
 _REACH = 3.0  # of the noise of edges
 _AXES_AT_ONCE = 1024  # what they are to all edges stays in the processor's cache

@@ -58,7 +58,7 @@ def enlarged(mean: Tensor, size: tuple[int, int], is_round: bool) -> Tensor:
 
 def _mean_around(values: Tensor, valid: Tensor, window: SphereWindow) -> Tensor:
     """Return the weighted mean around each pixel of values (B, H, W, 3) that are zero where invalid."""
-    stride, around = max(1, window.rows // CONTRAST.sampled_rows), window.at(CONTRAST.rows)
+    stride, around = max(1, window.rows // (4 * CONTRAST.rows)), window.at(CONTRAST.rows)
     some = slice(stride // 2, None, stride)
     planes = torch.cat((values[:, some, some], valid[:, some, some, None]), dim=-1).permute(0, 3, 1, 2)
     small = torch.nn.functional.interpolate(planes, size=(around.height, around.width), mode="area")

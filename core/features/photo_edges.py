@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from panoloc.core.config import LineConfig
+from panoloc.core.config import CONTRAST, LineConfig
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
 
-_DARKEST = 0.05  # added to colours before their logarithm is taken, so that noise in the dark is no edge
 _SURELY_VALID = 0.999
 _SMOOTHING = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
 
@@ -66,7 +65,7 @@ def _gradients(windows: Windows) -> tuple[Tensor, Tensor, Tensor]:
     """
     share = _smoothed(windows.valid[None])
     smooth = _smoothed(windows.color * windows.valid) / share.clamp_min(1e-6)
-    planes = windows.level((smooth + _DARKEST).log()).planes
+    planes = windows.level((smooth + CONTRAST.darkest).log()).planes
     x, y, _ = windows.directions.unbind(-1)
     east, north = planes[3:6] / torch.hypot(x, y).clamp_min(1e-3), planes[6:9]
     first, mixed, second = (east * east).sum(0), (east * north).sum(0), (north * north).sum(0)

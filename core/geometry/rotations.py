@@ -34,6 +34,11 @@ def uniform_rotations(count: int) -> Tensor:
     return torch.from_numpy(matrix_from_quaternion(quaternions.numpy())).float()
 
 
+def rotation_spacing(count: int) -> float:
+    """Return how far apart (rad) so many rotations are that are spread evenly: the edge of each one's cube of the volume of SO(3)."""
+    return math.cbrt(8 * math.pi**2 / count)
+
+
 def rotation_from_vector(vector: Tensor) -> Tensor:
     """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (exponential map)."""
     angle = vector.norm(dim=-1)[..., None, None]

@@ -79,12 +79,12 @@ class Level:
         images: Tensor | None,
         rotations: Tensor,
         positions: Tensor,
-        log_focal: Tensor | None = None,
+        log_focals: Tensor | None = None,
     ) -> tuple[SampledPoints, Tensor]:
         """Sample where points (K, 3, N), each shown by the image in `images` (K, N), project to from K poses of the rig.
 
-        images: None of a rig of one. Also tell which (K, N) fall on valid pixels. log_focal: (), the logarithm of the factor by which the
-        focal length of all images is longer than that of the level; it is a seventh unknown then.
+        images: None of a rig of one. Also tell which (K, N) fall on valid pixels. log_focals: (K,), logarithms of the factors by
+        which the focal length of all images is longer than that of the level; it is a seventh unknown then.
         Paper: §3.3, the projection of Eq. 5 and its derivative.
         """
         inverse = rotations.transpose(1, 2)
@@ -92,9 +92,9 @@ class Level:
         cameras = None if images is None else self._cameras(images)
         in_camera = self._to_camera(in_rig, cameras)
         # A longer focal length spreads what is beside the optical axis.
-        spread = None if log_focal is None else torch.stack((torch.zeros_like(log_focal), log_focal, log_focal)).exp()
+        spread = None if log_focals is None else spread_by(log_focals)
         if spread is not None:
-            in_camera = in_camera * spread[:, None]
+            in_camera = in_camera * spread[..., None]
         x, y, z = in_camera.unbind(1)
         flat_square = torch.addcmul(x.square(), y, y)
         flat = flat_square.sqrt()
@@ -110,7 +110,7 @@ class Level:
         by_focal = []
         if spread is not None:
             by_focal = [by_point[:, :, 1] * y[:, None] + by_point[:, :, 2] * z[:, None]]
-            by_point = by_point * spread[:, None]
+            by_point = by_point * spread[:, None, :, None]
         by_point = self._to_rig(by_point, cameras)  # (K, 2, 3, N)
         # A turn ω and a move τ of the rig take a point q of it to q - ω x q - τ.
         # The cross product by_point x in_rig, plane by plane: the library's own takes several times as long along this axis.
@@ -141,6 +141,12 @@ class Level:
             return self.rotations[0] @ vectors
         rows = cameras[:9].view(3, 3, *cameras.shape[1:])[:, :, :, None]
         return torch.stack([_sum_of_products(row, vectors.unbind(2)) for row in rows], dim=2)
+
+
+def spread_by(log_focals: Tensor) -> Tensor:
+    """Return by how much a longer focal length, logarithms of factors (K,), spreads a camera's x, y and z (K, 3)."""
+    factors = log_focals.exp()
+    return torch.stack((torch.ones_like(factors), factors, factors), 1)
 
 
 def _sum_of_products(first: Tensor, second: tuple[Tensor, ...]) -> Tensor:

@@ -69,7 +69,7 @@ def read_image(
     size = upright_size(image)
     if camera is not None:
         photo = _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
-        return replace(photo, hfov_range_deg=camera.hfov_range_deg)
+        return replace(photo, hfov_range_deg=camera.hfov_range_deg, focal_uncertainty=camera.focal_uncertainty)
     crop = crop_fields(image, data)
     if crop is None and not is_full_sphere(size):
         found = camera_of_photo(image, size)

@@ -57,13 +57,13 @@ def aliases_of(
     the other; equal rooms stand upright.
 
     own_starts: (S, 3), starts: (T, 3), metres. is_same_map: both are one map, in which no place is an alias of itself. Starts farther
-    away than `beside_m` say nothing of how a place looks from beside it.
+    away than `distinct` say nothing of how a place looks from beside it.
     """
     angles = torch.arange(config.turns, device=starts.device) * (2 * math.pi / config.turns)
     is_turned = torch.minimum(angles, 2 * math.pi - angles) > math.radians(config.turned_deg)
     near = (own_starts - own_starts[number]).norm(dim=1) < config.elsewhere_m
     itself = near[:, None] & ~is_turned if is_same_map else torch.zeros((len(starts), len(angles)), dtype=torch.bool)
-    beside = (own_starts - own_starts[number]).norm(dim=1) < config.beside_m
+    beside = (own_starts - own_starts[number]).norm(dim=1) < config.distinct.distance_m
     beside[number] = False
     kept = torch.arange(len(starts), device=starts.device)
     for halvings, share in ((2, config.first_share), (1, config.share)):

@@ -18,7 +18,7 @@ from panoloc.core.features.equalization import transport
 from panoloc.core.features.patch_grid import PatchGrid, rotation_table
 from panoloc.core.features.patch_histograms import hard_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
-from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
@@ -66,9 +66,8 @@ class PaperMethod:
         starts = index.starts[limits.searched_starts(index.starts, self.localizer_config.search.margin_m)]
         count = min(self.config.num_starts, len(starts))
         chosen = torch.linspace(0, len(starts) - 1, count).round().long() if count else torch.zeros(0, dtype=torch.long)
-        return starts[chosen.to(starts.device)], self.rotations[
-            limits.searched_rotations(self.rotations, self.localizer_config.search.wide_margin_deg)
-        ]
+        allowed = limits.allows_rotation(self.rotations, rotation_spacing(len(self.rotations)) / 2)
+        return starts[chosen.to(starts.device)], self.rotations[allowed]
 
     def _localize_in(
         self, searched: MapQuery, panorama: Panorama, starts: Tensor, rotations: Tensor, clock: StageClock

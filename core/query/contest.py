@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from panoloc.core.camera.rig import Rig
-from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.accuracy import Accuracy
+from panoloc.core.config import COINCIDING, LocalizerConfig
+from panoloc.core.decide.accuracy import RIGHT, Accuracy
 from panoloc.core.decide.agreement import likeness
 from panoloc.core.decide.hypotheses import (
     Hypothesis,
@@ -21,11 +21,14 @@ from panoloc.core.decide.hypotheses import (
     with_close_rival,
     within_margin,
 )
+from panoloc.core.query.focal_lengths import focal_uncertainty
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.refinement import Refinement
 from panoloc.core.refine.refinement import CandidatePoints
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.stage_clock import StageClock
+
+_MOST_FOCAL_ROUNDS = 8  # each has to fit better than the one before
 
 
 @dataclass
@@ -56,7 +59,6 @@ class Contest:
         self._medium: list[Hypothesis] = []  # by score
         self._before: list[Hypothesis] = []  # those of the medium stage, as they were before
         self._full: list[_Full] = []
-        self._best: _Full | None = None
         self._aliases: list[Hypothesis] = []  # where the map says that all looks as at the best
         self._settled_aliases: list[Hypothesis] = []
 
@@ -72,13 +74,42 @@ class Contest:
         self._settled_aliases = self._settle([h for h in self._refined_coarse(aliases) if h.score >= least])
         self._rank()
 
+    def add_focal_lengths(self) -> None:
+        """Let poses with other focal lengths compete with the best; anew from the best of them while that is the better one."""
+        if not self.hypotheses or self.comparison is None or self.queries[0].rig.prior is None:
+            return
+        best, comparison, losers = self.hypotheses[0], self.comparison, []
+        query = self.queries[best.map_number]
+        for _ in range(_MOST_FOCAL_ROUNDS):
+            with self.clock.stage("refine"):
+                tried = self.refinement.medium(query.with_other_focal_lengths(best, comparison))
+            with self.clock.stage("judge"):
+                tried = [h for h in self._judged(tried) if query.allows(h)]
+            fulls = self._refined_fully(tried[:1])
+            if not fulls:
+                break
+            if fulls[0].final.score <= best.score:
+                losers.append(fulls[0].final)
+                break
+            losers.append(best)
+            best, comparison = self._with_signs(fulls[0]), fulls[0].comparison
+        power, others = self.config.focal.power, [loser for loser in losers if not loser.is_near(best, RIGHT)]
+        odds = sum((loser.score / max(best.score, 1e-6)) ** power for loser in others)
+        best = replace(best, measures=best.measures | {"focal_odds": odds})
+        rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
+        self.hypotheses, self.comparison = [best, *rest], comparison
+
     @property
     def noise(self) -> Accuracy:
         """Return what tracking and an uncertain focal length add to the errors of the best pose.
 
         A focal length that is a share too long puts the camera so large a share of the distance to what it shows too far away.
         """
-        share = max(photo.focal_uncertainty for photo in self._rig.photos)
+        share, best = max(photo.focal_uncertainty for photo in self._rig.photos), self.hypotheses[:1]
+        if best and best[0].log_focal is not None:
+            share = focal_uncertainty(best[0].information, self.config.focal)
+        elif any(photo.hfov_range_deg for photo in self._rig.photos):
+            share = self.config.focal.step
         position_m = orientation_deg = 0.0
         if share and self.comparison is not None:
             seen = self.comparison.views.depth.flatten(1)[0][self.comparison.weights[0] > 0]
@@ -89,26 +120,17 @@ class Contest:
             orientation_deg = by_orientation * self._rig.options.orientation_noise_deg
         return Accuracy(position_m, orientation_deg)
 
-    def focal_pull(self) -> float:
-        """Return how strongly images want another focal length at the best pose."""
-        if self._best is None:
-            return 0.0
-        best, points = self._best.final, self._best.points
-        with self.clock.stage("refine"):
-            return self.refinement.focal_pull(self.queries[best.map_number], best, points)
-
     def _refined_coarse(self, proposed: Sequence[Hypothesis]) -> list[Hypothesis]:
-        judge = self.config.judge
         with self.clock.stage("refine"):
             refined = self.refinement.coarse(proposed)
         with self.clock.stage("judge"):
-            return self._judged(merged(refined, judge.merged), is_first=True)
+            return self._judged(merged(refined, COINCIDING), is_first=True)
 
     def _rank(self) -> None:
         """Refine the best of the coarse stage on what they see, and the best of these fully; rank them, and then all others."""
         sizes, place = self.config.refinement, self.config.judge.place
-        self._settle(within_margin(self._coarse, sizes.medium_candidates, sizes.medium_margin, place))
-        close = with_close_rival(self._medium, sizes.fine_candidates, sizes.fine_margin, place)
+        self._settle(within_margin(self._coarse, sizes.medium_candidates, sizes.margin, place))
+        close = with_close_rival(self._medium, sizes.fine_candidates, sizes.margin, place)
         least = self.config.judge.alias_least * max((h.score for h in self._medium), default=0.0)
         close += [h for h in self._settled_aliases if h.score >= least and all(h is not other for other in close)]
         self._finish(close)
@@ -130,9 +152,8 @@ class Contest:
         finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
         others = [h for h in self._medium if all(h is not other for other in chosen)]
         if not finals:
-            self.hypotheses, self.comparison, self._best = others, None, None
+            self.hypotheses, self.comparison = others, None
             return
-        self._best = finals[0]
         best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, self.config.judge.place
         with self.clock.stage("judge"):
             known = sum(not full.final.is_near(best, place) for full in finals)

@@ -1,7 +1,7 @@
 """The engine. The order of the steps of a query is written here and nowhere else:
 
 prepare → for each round: propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
-→ the same for aliases of the best pose, and for what is near it.
+→ the same for aliases of the best pose, and for other focal lengths.
 """
 
 from collections.abc import Sequence
@@ -9,15 +9,14 @@ from collections.abc import Sequence
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.confidence import ConfidenceModel
-from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
+from panoloc.core.decide.hypotheses import MethodResult
 from panoloc.core.decide.verdict import Verdict, verdict
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.query.contest import Contest
+from panoloc.core.query.focal_lengths import focal_prior, guesses
 from panoloc.core.query.map_query import MapQuery, prepare_queries
-from panoloc.core.query.refinement import Refinement
-from panoloc.core.query.rounds import aliases_of_pose, propose, propose_near, rounds_of
-from panoloc.core.refine.focal_refinement import FocalRefined
+from panoloc.core.query.rounds import aliases_of_pose, propose, rounds_of
 from panoloc.core.stage_clock import StageClock
 
 
@@ -32,6 +31,7 @@ class Engine:
 
         Their poses are those of the rig's axes.
         """
+        rig = self._guessed(rig, maps, hints, clock)
         with clock.stage("prepare"):
             queries = prepare_queries(rig, maps, hints, self.config)
         contest = Contest(rig, queries, self.config, clock)
@@ -41,11 +41,8 @@ class Engine:
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
             if aliases:
                 contest.add_aliases(aliases)
-        if self._is_doubtful(queries, contest):
-            best = contest.hypotheses[0]
-            with clock.stage("search"):
-                near = propose_near(queries[best.map_number], best, self.config.search)
-            contest.add(near)
+        if contest.hypotheses:
+            contest.add_focal_lengths()
         own = queries[contest.hypotheses[0].map_number] if contest.hypotheses else queries[0]
         return MethodResult(
             contest.hypotheses,
@@ -55,8 +52,8 @@ class Engine:
             num_poses,
             self.config.search.wide_rotations if own.rig.is_wide else self.config.search.narrow_rotations,
             None if own.rig.is_wide or own.rig.is_labels else own.rig.edges.length_deg,
-            contest.focal_pull() if rig.has_focal_length else 0.0,
             contest.noise,
+            rig,
         )
 
     def _search(self, queries: Sequence[MapQuery], contest: Contest, clock: StageClock) -> tuple[int, int]:
@@ -76,27 +73,20 @@ class Engine:
                 break
         return num_starts, num_poses
 
-    def search_score(self, rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> float:
-        """Return the score of the best candidate that the search finds, before any refinement; 0 without one."""
-        queries = prepare_queries(rig, maps, hints, self.config)
-        with clock.stage("search"):
-            found = [
-                propose(queries, searched, self.config.search) for searched in rounds_of(queries, self.config.search)
-            ]
-        return max((each.best_score for each in found), default=0.0)
+    def _guessed(self, rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> Rig:
+        """Return the rig with the focal length that the search likes best, of those that it may have; as it is where that is stated."""
+        prior = focal_prior(rig, self.config.focal)
+        if prior is None or prior.is_stated:
+            return rig
 
-    def with_focal(self, rig: Rig, maps: Sequence[MapIndex], known: Hypothesis, clock: StageClock) -> FocalRefined:
-        """Return the pose of a hypothesis, refined together with the focal length of the images."""
-        queries = prepare_queries(rig, maps, None, self.config)
-        with clock.stage("refine"):
-            return Refinement(queries, self.config, clock).with_focal(queries[known.map_number], known)
+        def score(guess: Rig) -> float:
+            """Return the score of the best candidate that the search finds, before any refinement; 0 without one."""
+            queries = prepare_queries(guess, maps, hints, self.config)
+            with clock.stage("search"):
+                rounds = rounds_of(queries, self.config.search)
+                return max(propose(queries, searched, self.config.search).best_score for searched in rounds)
 
-    def confidence_of_answer(self, result: Contest | MethodResult) -> float:
-        """Return how sure the best of hypotheses would be if it was answered as right, 0 where it would not be."""
-        if not result.hypotheses:
-            return 0.0
-        found = self._verdict(result)
-        return found.together if found.status == "localized" else 0.0
+        return max(guesses(rig, prior, self.config.focal.step), key=score)
 
     def _verdict(self, result: Contest | MethodResult) -> Verdict:
         return verdict(result.hypotheses, self.confidence, self.config.judge, result.noise)
@@ -110,13 +100,6 @@ class Engine:
         if not contest.hypotheses:
             return False
         judge, found = self.config.judge, self._verdict(contest)
-        least = judge.sure_at_end if is_last and found.status == "localized" else judge.sure
-        return found.status != "not_localized" and found.together >= least
-
-    def _is_doubtful(self, queries: Sequence[MapQuery], contest: Contest) -> bool:
-        """Return whether a rig that shows little would be answered with the best hypothesis, but not for certain."""
-        confidence, judge = self.confidence_of_answer(contest), self.config.judge
-        if not confidence or queries[contest.hypotheses[0].map_number].rig.share > judge.narrow_share:
-            return False
-        is_explained = contest.hypotheses[0].measures["explained"] >= judge.doubtful_explained
-        return confidence < judge.beyond_doubt or not is_explained
+        if is_last and found.status == "localized":
+            return True
+        return found.status != "not_localized" and found.together >= judge.sure

@@ -1,5 +1,6 @@
 """One map of a query: what it asks of poses there, and how they are rendered, judged and aligned."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -11,9 +12,9 @@ from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.agreement import agreement, with_agreement
 from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses
-from panoloc.core.features.line_hold import LineHold
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
+from panoloc.core.query.focal_lengths import with_other_focal_lengths
 from panoloc.core.query.prepared_rig import PreparedRig
 from panoloc.core.refine.aligned_points import (
     StartViews,
@@ -61,74 +62,66 @@ class MapQuery:
         """Return the map, ready to be searched."""
         return MapSearch(self.rig.described, self.index, self.lines, self.rig.is_wide, self.config.search)
 
+    def with_other_focal_lengths(self, best: Hypothesis, comparison: Comparison) -> list[Hypothesis]:
+        """Return where the camera of a pose would stand with the other focal lengths that it may have; comparison: of that pose alone."""
+        if self.rig.prior is None:
+            return []
+        axis = self.rig.pyramid.rotations[0][:, 0]
+        return with_other_focal_lengths(best, comparison, self.rig.prior, axis, self.config.focal)
+
     def allows(self, hypothesis: Hypothesis) -> bool:
         """Return whether the hints allow the pose."""
         return self.limits.allows_pose(hypothesis.rotation, hypothesis.position)
 
     def compare(self, group: Sequence[Hypothesis], rows: int, with_points: bool = False) -> Comparison:
         """Render the scan at every pose, in `rows` rows to a sphere, beside what the images show."""
-        return self.rig.view.compare(self.cloud, *stacked_poses(group), rows, with_points)
+        focals = self.rig.log_focals(group)
+        return self.rig.view.compare(self.cloud, *stacked_poses(group), rows, with_points, focals)
 
     def judge(self, group: Sequence[Hypothesis], rows: int) -> list[Hypothesis]:
         """Return the hypotheses with the score and measures of renderings of `rows` rows."""
         judged: list[Hypothesis] = []
-        for first in range(0, len(group), RENDER_BATCH):
-            part = group[first : first + RENDER_BATCH]
-            judged += self._judged(part, self.compare(part, rows))
+        for log_focal in dict.fromkeys(h.log_focal for h in group):
+            alike = [h for h in group if h.log_focal == log_focal]
+            for first in range(0, len(alike), RENDER_BATCH):
+                part = alike[first : first + RENDER_BATCH]
+                judged += self._judged(part, self.compare(part, rows))
         return judged
 
     def judge_alone(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Comparison]:
         """Return one hypothesis judged on the largest rendering, and the comparison."""
-        comparison = self.compare([hypothesis], self.rig.finer * self.config.judge.final_rows)
+        comparison = self.compare([hypothesis], self.rig.finer * 2 * self.config.judge.rows)
         return self._judged([hypothesis], comparison)[0], comparison
 
     def _judged(self, group: Sequence[Hypothesis], comparison: Comparison) -> list[Hypothesis]:
-        """Return hypotheses with the measures of a comparison, and how well lines agree with their rotations."""
-        patch_deg = self.config.judge.patch_deg / self.rig.finer
+        """Return hypotheses of one focal length with the measures of a comparison, and how well lines agree with their rotations."""
+        # Patches of the images, not of the scan: what a longer focal length spreads must not seem to be more alike.
+        patch_deg = self.config.judge.patch_deg / (self.rig.finer * math.exp(group[0].log_focal or 0.0))
         agreeing = None if self.lines is None else 1 - self.lines.missed(stacked_poses(group)[0])
-        measured = agreement(comparison, self.config.judge, self.rig.share, patch_deg, agreeing)
-        return with_agreement(group, measured)
+        measured = agreement(comparison, self.config.judge, self.rig.shares(group), patch_deg, agreeing)
+        return with_agreement(group, replace(measured, score=measured.score * self.rig.likelihoods(group)))
 
     def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
         """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""
         sizes, rig = self.config.refinement, self.rig
         rows, views = self._views_from(sorted({h.start for h in group}))
-        look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, sizes.coarse_patch_deg)
+        look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, self.config.judge.patch_deg)
         numbers = rig.numbers_of([rows[h.start] for h in group])
-        points = points_seen_from_starts(
+        return points_seen_from_starts(
             rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.coarse_contrast
         )
-        return self._held(points, group, self.config.lines.hold_strengths[0])
 
     def points_from_poses(
-        self,
-        group: Sequence[Hypothesis],
-        comparison: Comparison,
-        count: int,
-        patch_deg: float,
-        contrast: float,
-        hold: float,
+        self, group: Sequence[Hypothesis], comparison: Comparison, count: int, patch_deg: float, contrast: float
     ) -> CandidatePoints:
-        """Return `count` points that the poses compared see, in patches of `patch_deg`, held to lines as strongly as `hold`."""
+        """Return `count` points that the poses compared see, in patches of `patch_deg`."""
         look = self.rig.look(count, self.config.refinement.margin_deg, patch_deg)
-        points = points_seen_from_poses(self.rig.view, self.cloud, comparison, *stacked_poses(group), look, contrast)
-        return self._held(points, group, hold)
-
-    def _held(self, points: CandidatePoints, group: Sequence[Hypothesis], strength: float) -> CandidatePoints:
-        """Return points with the hold that lines have on the rotations of a group of hypotheses that they agree with."""
-        sizes, rotations = self.config.lines, stacked_poses(group)[0]
-        if self.rig.is_wide or self.rig.is_labels:
-            return points
-        strengths = torch.zeros(len(group), device=rotations.device)
-        if self.lines is not None:
-            strengths = strength * (1 - self.lines.missed(rotations) / sizes.held_within).clamp_min(0.0)
-        axes = self.index.wall_axes[0].expand(len(group), 3, 3)
-        return replace(points, lines=LineHold(self.rig.edges.some(sizes.hold_edges), axes, strengths, sizes))
+        return points_seen_from_poses(self.rig.view, self.cloud, comparison, *stacked_poses(group), look, contrast)
 
     def _views_from(self, starts: list[int]) -> tuple[dict[int, int], StartViews]:
         """Return the row of each start in the views, and the views."""
         if self._seen is None or not self._seen[0].keys() >= set(starts):
-            rows = self.config.refinement.start_view_rows
+            rows = self.config.descriptors.view_height
             views = views_from_starts(self.index, self.rig.numbers_of(starts), rows)
             self._seen = {start: row for row, start in enumerate(starts)}, views
         return self._seen

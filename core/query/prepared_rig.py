@@ -1,6 +1,7 @@
 """A rig, prepared: its levels, descriptors, edges and directions, each made once for all maps that share its colours."""
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 
 import torch
@@ -8,6 +9,7 @@ from torch import Tensor
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.photo_edges import Edges, edges_of_photos
@@ -15,6 +17,7 @@ from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.image.photo_window import shown_share
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.options import MAX_SESSION_TILT_DEG
+from panoloc.core.query.focal_lengths import focal_prior
 from panoloc.core.refine.aligned_points import LookDirections, look_directions
 from panoloc.core.render.comparison import RigView
 from panoloc.core.search.described_rig import DescribedRig
@@ -29,7 +32,7 @@ class PreparedRig:
     """
 
     def __init__(self, rig: Rig, labels: LabelCodes | None, device: torch.device, config: LocalizerConfig) -> None:
-        self.config = config
+        self.config, self._camera = config, rig.photos[0].camera
         share = shown_share(rig)
         self.is_wide = share >= config.search.wide_share
         self.finer = 2 if share < config.judge.narrow_share else 1
@@ -37,6 +40,7 @@ class PreparedRig:
         self.share = self.pyramid.share
         self.colors = CanonicalColors(self.pyramid)
         self.view = RigView(self.pyramid, config.refinement.margin_deg)
+        self.prior = focal_prior(rig, config.focal)
         self._up_known = rig.options.up_known
         self._look: dict[tuple[int, float, float], LookDirections] = {}
 
@@ -44,6 +48,24 @@ class PreparedRig:
     def is_labels(self) -> bool:
         """Return whether colours are codes of labels."""
         return self.pyramid.labels is not None
+
+    def log_focals(self, group: Sequence[Hypothesis]) -> Tensor | None:
+        """Return the logarithms (K,) of the focal lengths of hypotheses over those given; None where all are as given."""
+        if all(h.log_focal is None for h in group):
+            return None
+        return torch.tensor([h.log_focal or 0.0 for h in group], device=self.pyramid.rotations.device)
+
+    def shares(self, group: Sequence[Hypothesis]) -> Tensor:
+        """Return the shares (K,) of the sphere that the images show with the focal lengths of hypotheses, as far as views of them go."""
+        own = self._camera.solid_angle()
+        shares = [self.share * min(1.0, self._camera.solid_angle(math.exp(h.log_focal or 0.0)) / own) for h in group]
+        return torch.tensor(shares, device=self.pyramid.rotations.device)
+
+    def likelihoods(self, group: Sequence[Hypothesis]) -> Tensor:
+        """Return by how much less (K,) the scores of hypotheses count whose focal lengths are others than stated."""
+        stated = self.prior is not None and self.prior.is_stated
+        less = [self.config.focal.stated if stated and h.log_focal is not None else 1.0 for h in group]
+        return torch.tensor(less, device=self.pyramid.rotations.device)
 
     @property
     def margin_deg(self) -> float:

@@ -11,7 +11,6 @@ from panoloc.core.config import LocalizerConfig, StepConfig, StoppingRule
 from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
 from panoloc.core.image.level import Level
 from panoloc.core.query.map_query import MapQuery, by_colors, map_numbers
-from panoloc.core.refine.focal_refinement import FocalRefined, refine_with_focal
 from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.refinement import CandidatePoints, joined, refine
 from panoloc.core.render.comparison import Comparison
@@ -31,20 +30,18 @@ class Refinement:
         sizes, refined = self.config.refinement, []
         for rig, group in by_colors(self.queries, hypotheses):
             for half, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
-                level = rig.colors.level(sizes.start_view_rows // (2 if half else 1), sizes.coarse_contrast, blur=half)
+                level = rig.colors.level(
+                    self.config.descriptors.view_height // (2 if half else 1), sizes.coarse_contrast, blur=half
+                )
                 parts = [self.queries[number].points_from_starts(part, half) for number, part in by_map(group)]
                 group = self._refine(level, joined(parts), group, iterations, sizes.coarse_step, sizes.coarse_stop)
-                if half:
-                    kept = max(sizes.kept, round(sizes.kept_share * len(group)))
-                    group = sorted(group, key=lambda hypothesis: hypothesis.loss)[:kept]
-                    group = [h for _, part in by_map(group) for h in part]
             refined += group
         return refined
 
     def medium(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine on points that the poses themselves see, found anew in each round."""
         sizes, refined = self.config.refinement, []
-        hold, rows = self.config.lines.hold_strengths[1], self.config.judge.rows
+        rows = self.config.judge.rows
         for rig, group in by_colors(self.queries, hypotheses):
             for planned in sizes.medium_rounds:
                 parts = []
@@ -53,7 +50,7 @@ class Refinement:
                     comparison = query.compare(part, rig.finer * rows, with_points=True)
                     parts.append(
                         query.points_from_poses(
-                            part, comparison, sizes.medium_points, planned.patch_deg, sizes.medium_contrast, hold
+                            part, comparison, sizes.medium_points, planned.patch_deg, sizes.medium_contrast
                         )
                     )
                 level = rig.colors.level(planned.rows, sizes.medium_contrast)
@@ -73,64 +70,42 @@ class Refinement:
             (2, sizes.finest_points, sizes.finest_iterations),
         ):
             points = query.points_from_poses(
-                [hypothesis],
-                comparison,
-                count,
-                sizes.fine_patch_deg,
-                sizes.fine_contrast,
-                self.config.lines.hold_strengths[2],
+                [hypothesis], comparison, count, self.config.judge.patch_deg / 2, sizes.fine_contrast
             )
             level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.fine_contrast)
             (hypothesis,) = self._refine(level, points, [hypothesis], iterations, sizes.step, sizes.fine_stop)
-        # How sharp the loss of the images is there, lines aside, says how far off the pose may be.
-        (there,) = self._refine(level, replace(points, lines=None), [hypothesis], 1, sizes.step, None, is_free=True)
+        # How sharp the loss of the images is there, limits aside, says how far off the pose may be.
+        (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None, is_free=True)
         beyond = self.queries[0].limits.beyond(there.rotation)
-        return replace(there, rotation=hypothesis.rotation, position=hypothesis.position, beyond_limits=beyond), points
+        return replace(
+            there,
+            rotation=hypothesis.rotation,
+            position=hypothesis.position,
+            log_focal=hypothesis.log_focal,
+            beyond_limits=beyond,
+        ), points
 
     def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: CandidatePoints) -> Hypothesis:
         """Return a hypothesis that was refined fully, with how far apart the halves of the picture end from there among its measures."""
         sizes = self.config.refinement
-        level = query.rig.colors.level(sizes.halves.rows, sizes.medium_contrast)
-        apart = halves_apart(level, points, hypothesis.rotation, hypothesis.position, sizes.step, sizes.halves)
+        level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.medium_contrast)
+        focals = query.rig.log_focals([hypothesis])
+        some = points.thinned(sizes.halves_every)
+        apart = halves_apart(
+            level, some, hypothesis.rotation, hypothesis.position, focals, self.config.judge.patch_deg / 2, sizes
+        )
         distance, angle = apart.tolist()
         measures = {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)}
         return replace(hypothesis, measures=hypothesis.measures | measures)
 
-    def focal_pull(self, query: MapQuery, hypothesis: Hypothesis, points: CandidatePoints) -> float:
-        """Return how strongly images pull the focal length away from what it is said to be, where a pose was refined fully."""
-        sizes = self.config.refinement
-        level = query.rig.colors.level(sizes.focal_rows[0], sizes.medium_contrast)
-        begun, some = FocalRefined.at(hypothesis.rotation, hypothesis.position), points.thinned(sizes.halves.every)
-        return refine_with_focal(level, some, begun, sizes.pull_iterations, sizes.step).strength
-
-    def with_focal(self, query: MapQuery, hypothesis: Hypothesis) -> FocalRefined:
-        """Refine a pose together with the focal length of the images."""
-        self.clock.check()
-        sizes = self.config.refinement
-        found = FocalRefined.at(hypothesis.rotation, hypothesis.position)
-        for rows in sizes.focal_rows:
-            hypothesis = replace(hypothesis, rotation=found.rotation, position=found.position)
-            comparison = self._seen_from(query, hypothesis)
-            points = query.points_from_poses(
-                [hypothesis],
-                comparison,
-                sizes.fine_points,
-                sizes.fine_patch_deg,
-                sizes.medium_contrast,
-                self.config.lines.hold_strengths[2],
-            )
-            level = query.rig.colors.level(rows, sizes.medium_contrast)
-            found = refine_with_focal(level, points, found, sizes.focal_iterations, sizes.step)
-        return found
-
     def _seen_from(self, query: MapQuery, hypothesis: Hypothesis) -> Comparison:
         """Return what is seen from a pose, as finely as the scan has points for: a pixel without one aligns nothing."""
-        rows = self.config.refinement.visibility_rows
+        rows = self.config.refinement.fine_rows
         while True:
             comparison = query.compare([hypothesis], rows, with_points=True)
             views = comparison.views
             filled = (views.point >= 0).sum() / views.valid.sum().clamp_min(1)
-            if rows <= self.config.refinement.start_view_rows or float(filled) >= self.config.refinement.least_filled:
+            if rows <= self.config.descriptors.view_height or float(filled) >= self.config.refinement.least_filled:
                 return comparison
             rows //= 2
 
@@ -146,8 +121,14 @@ class Refinement:
     ) -> list[Hypothesis]:
         """Refine hypotheses of maps that share colours, within the limits of tilts unless they are free."""
         rotations, positions = stacked_poses(group)
-        numbers = map_numbers(group, rotations.device)
-        found = refine(
-            level, points, rotations, positions, iterations, step, stop, numbers, None if is_free else self._within
-        )
+        numbers, rig = map_numbers(group, rotations.device), self.queries[group[0].map_number].rig
+        within, focals, bounds = None if is_free else self._within, rig.log_focals(group), None
+        if focals is not None and rig.prior is not None:
+            focal = self.config.focal
+            bounds, step, iterations = (
+                (rig.prior.least, rig.prior.most),
+                replace(step, damping=focal.damping),
+                2 * iterations,
+            )
+        found = refine(level, points, rotations, positions, iterations, step, stop, numbers, within, focals, bounds)
         return with_refined(group, found)

@@ -1,4 +1,4 @@
-"""The rounds of search: what gravity and lines allow, then everything, and near a pose that was found."""
+"""The rounds of search: what gravity and lines allow, then everything."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -62,20 +62,6 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
         sum(part.num_starts for part in found),
         sum(part.num_poses for part in found),
     )
-
-
-def propose_near(query: MapQuery, found: Hypothesis, config: SearchConfig) -> list[Hypothesis]:
-    """Search a map near a pose, with as many candidates as all of the map gets.
-
-    What images show may fit nearly as well half a metre or fifteen degrees from where they were taken, above all where much has changed. Of
-    the poses there the search of the whole map proposes a few, and may miss the right one: then the wrong one seems to have no rival.
-    """
-    # Of the limits those of a distance from a point give way to the place itself: what is refined from there has to keep to them anyhow.
-    near = replace(query.limits, center=found.position, radius_m=config.near_m)
-    some = query.search.propose(
-        near, query.search.starts(near), True, config.near_candidates, config.near_distinct, found.rotation
-    )
-    return _best([query], [some], config.near_candidates)
 
 
 def aliases_of_pose(queries: Sequence[MapQuery], found: Hypothesis) -> list[Hypothesis]:

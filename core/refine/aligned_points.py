@@ -15,8 +15,8 @@ from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.geometry.rotations import even_directions
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.map.map_index import MapIndex
+from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.refinement import CandidatePoints
-from panoloc.core.refine.sphere_squares import patch_numbers
 from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.render.synthetic_view import RENDER_BATCH, halve, render_views

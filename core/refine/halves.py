@@ -11,11 +11,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from panoloc.core.config import HalvesConfig, StepConfig
+from panoloc.core.config import RefinementConfig
 from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.image.level import Level
+from panoloc.core.refine.patches import on_black_squares
 from panoloc.core.refine.refinement import CandidatePoints, refine
-from panoloc.core.refine.sphere_squares import on_black_squares
 
 _NOWHERE_M, _NOWHERE_RAD = 1.0, math.pi / 2  # of halves that nothing is known of
 
@@ -25,21 +25,29 @@ def halves_apart(
     points: CandidatePoints,
     rotation: Tensor,
     position: Tensor,
-    step: StepConfig,
-    config: HalvesConfig,
+    log_focals: Tensor | None,
+    square_deg: float,
+    config: RefinementConfig,
 ) -> Tensor:
     """Return how far apart (2,), metres and radians, the poses are that the two halves of a picture lead to from one pose.
 
     The halves are the black and the white squares of a chessboard on the sphere. points: of that one pose. rotation: (3, 3)
     map_from_camera; position: (3,) metres.
     """
-    # Lines, which both halves share, are left out: what they hold together says nothing.
-    some = replace(points.thinned(config.every), lines=None)
-    directions = torch.nn.functional.normalize((some.positions[0] - position) @ rotation, dim=-1)
-    is_black = on_black_squares(directions, config.square_deg)
-    weights = some.weights[0] * torch.stack((is_black, ~is_black))
-    both = replace(some.take(torch.zeros(2, dtype=torch.long, device=weights.device)), weights=weights)
-    found = refine(level, both, rotation.expand(2, 3, 3), position.expand(2, 3), config.iterations, step)
+    directions = torch.nn.functional.normalize((points.positions[0] - position) @ rotation, dim=-1)
+    is_black = on_black_squares(directions, square_deg)
+    weights = points.weights[0] * torch.stack((is_black, ~is_black))
+    both = replace(points.take(torch.zeros(2, dtype=torch.long, device=weights.device)), weights=weights)
+    focals = None if log_focals is None else log_focals.expand(2)
+    found = refine(
+        level,
+        both,
+        rotation.expand(2, 3, 3),
+        position.expand(2, 3),
+        config.medium_iterations,
+        config.step,
+        log_focals=focals,
+    )
     distance = (found.positions[0] - found.positions[1]).norm()
     angle = rotation_angle(found.rotations[0], found.rotations[1])
     # Halves in which nothing agrees stay where they are, which is no agreement.

@@ -13,10 +13,9 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
-from panoloc.core.features.line_hold import LineHold
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.image.level import Level
-from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.patches import PatchSums
 from panoloc.core.refine.step import PointPlanes, StepHistory, pose_step
 
 
@@ -25,7 +24,7 @@ class CandidatePoints:
     """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point).
 
     images: (K, N) int64, which image of a rig shows each point; None of a rig of one. patches: (N,) int64, ascending, which patch of the
-    sphere each point lies in (see `panoloc.core.refine.step`). lines: what edges say of the rotations as well.
+    sphere each point lies in (see `panoloc.core.refine.step`).
     """
 
     positions: Tensor
@@ -33,39 +32,35 @@ class CandidatePoints:
     weights: Tensor
     images: Tensor | None
     patches: Tensor
-    lines: LineHold | None = None
 
     def take(self, chosen: Tensor) -> "CandidatePoints":
         """Return the points of the candidates numbered `chosen`."""
         images = None if self.images is None else self.images[chosen]
-        lines = None if self.lines is None else self.lines.take(chosen)
         colors, weights = self.colors[chosen], self.weights[chosen]
-        return CandidatePoints(self.positions[chosen], colors, weights, images, self.patches, lines)
+        return CandidatePoints(self.positions[chosen], colors, weights, images, self.patches)
 
     def thinned(self, stride: int) -> "CandidatePoints":
         """Return every n-th point."""
         patches = torch.unique(self.patches[::stride], return_inverse=True)[1]
         images = None if self.images is None else self.images[:, ::stride]
         positions, colors, weights = (part[:, ::stride] for part in (self.positions, self.colors, self.weights))
-        return CandidatePoints(positions, colors, weights, images, patches, self.lines)
+        return CandidatePoints(positions, colors, weights, images, patches)
 
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        return PointPlanes(positions, colors, self.weights, self.images, PatchSums(self.patches), self.lines)
+        return PointPlanes(positions, colors, self.weights, self.images, PatchSums(self.patches))
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
     """Return the points of several groups of candidates, one group after the other; all with the same number N and patches."""
     images = [part.images for part in parts if part.images is not None]
-    lines = [part.lines for part in parts if part.lines is not None]
     return CandidatePoints(
         torch.cat([part.positions for part in parts]),
         torch.cat([part.colors for part in parts]),
         torch.cat([part.weights for part in parts]),
         torch.cat(images) if images else None,
         parts[0].patches,
-        LineHold.joined(lines) if lines else None,
     )
 
 
@@ -75,6 +70,8 @@ class Refined:
 
     rotations: (K, 3, 3) map_from_rig; positions: (K, 3). Of the last step: loss (K,) in 0..1; hessian (K, 6, 6) of half the weighted
     squared residuals by turn and move; scale (K,), the residual at which a point counts a quarter. steps: (K,) how many there were.
+    log_focals: (K,), logarithms of the factors by which focal lengths are longer than those of the level; information: (K,), the curvature
+    of the loss by these where the pose follows, prior included. Both 0 where focal lengths are known.
     """
 
     numbers: Tensor
@@ -84,6 +81,8 @@ class Refined:
     hessian: Tensor
     scale: Tensor
     steps: Tensor
+    log_focals: Tensor
+    information: Tensor
 
     def take(self, chosen: Tensor) -> "Refined":
         """Return some of the candidates."""
@@ -98,15 +97,16 @@ class Refined:
 
 @dataclass(frozen=True)
 class _Active:
-    """Candidates that have not converged: their points, poses, and step history."""
+    """Candidates that have not converged: their points, poses, and step history; and whether focal lengths differ from the level's."""
 
     points: PointPlanes
     poses: Refined
     history: StepHistory
+    has_focals: bool
 
     def take(self, chosen: Tensor) -> "_Active":
         """Return some of the candidates."""
-        return _Active(self.points.take(chosen), self.poses.take(chosen), self.history.take(chosen))
+        return _Active(self.points.take(chosen), self.poses.take(chosen), self.history.take(chosen), self.has_focals)
 
 
 def refine(
@@ -119,19 +119,22 @@ def refine(
     stop: StoppingRule | None = None,
     groups: Tensor | None = None,
     within: Callable[[Tensor], Tensor] | None = None,
+    log_focals: Tensor | None = None,
+    focal_bounds: tuple[float, float] | None = None,
 ) -> Refined:
     """Refine K poses on one image level by up to `iterations` steps, by exactly as many without a rule to stop.
 
     rotations: (K, 3, 3) map_from_rig; positions: (K, 3) metres. groups: (K,), candidates of different groups, such as maps, are never
     merged however near their poses lie; None: all are of one. within: brings rotations (K, 3, 3) back within limits, after every step.
+    log_focals: (K,), focal lengths; within `focal_bounds` they are unknown as well.
     """
-    active = _at_start(points, rotations, positions, config)
+    active = _at_start(points, rotations, positions, log_focals, focal_bounds, config)
     converged: list[Refined] = []
     done = 0
     while done < iterations and len(active.poses.numbers):
         count = min(stop.interval if stop else iterations, iterations - done)
         done += count
-        active = _stepped(active, level, config, count, within, is_last=done == iterations)
+        active = _stepped(active, level, config, count, within, focal_bounds, is_last=done == iterations)
         if stop and stop.merge and done < iterations:
             converged, active = _without_duplicates(converged, active, stop.merge, groups)
         if stop and done < iterations:
@@ -141,12 +144,24 @@ def refine(
     return Refined.joined([*converged, active.poses])
 
 
-def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor, config: StepConfig) -> _Active:
+def _at_start(
+    points: CandidatePoints,
+    rotations: Tensor,
+    positions: Tensor,
+    log_focals: Tensor | None,
+    focal_bounds: tuple[float, float] | None,
+    config: StepConfig,
+) -> _Active:
     nothing = torch.zeros(len(rotations), device=rotations.device)
     numbers = torch.arange(len(rotations), device=rotations.device)
     hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
-    poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers))
-    return _Active(points.planes(), poses, StepHistory.initial(len(rotations), config, rotations.device))
+    focals = nothing if log_focals is None else log_focals
+    poses = Refined(
+        numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers), focals, nothing
+    )
+    unknowns = 6 if focal_bounds is None else 7
+    history = StepHistory.initial(len(rotations), unknowns, config, rotations.device)
+    return _Active(points.planes(), poses, history, log_focals is not None)
 
 
 def _stepped(
@@ -155,20 +170,35 @@ def _stepped(
     config: StepConfig,
     count: int,
     within: Callable[[Tensor], Tensor] | None,
+    focal_bounds: tuple[float, float] | None,
     is_last: bool,
 ) -> _Active:
     """Take `count` steps; the very last of a refinement is not lengthened."""
     poses, history = active.poses, active.history
     rotations, positions = poses.rotations, poses.positions
+    log_focals = poses.log_focals if active.has_focals else None
     for k in range(count):
         relaxed = not is_last or k + 1 < count
-        step = pose_step(level, active.points, rotations, positions, history, config, relaxed)
-        rotations, positions, history = step.rotations, step.positions, step.history
+        step = pose_step(level, active.points, rotations, positions, log_focals, history, config, relaxed, focal_bounds)
+        rotations, positions, log_focals, history = step.rotations, step.positions, step.log_focals, step.history
         if within is not None:
             rotations = within(rotations)
     found, steps = step.equations, poses.steps + count
-    reached = Refined(poses.numbers, rotations, positions, found.loss, found.hessian, found.scale, steps)
-    return _Active(active.points, reached, history)
+    focals, information, hessian = poses.log_focals, poses.information, found.hessian
+    if log_focals is not None and focal_bounds is not None:
+        focals, information = log_focals, _information_of_focal(hessian, found.mass)
+    reached = Refined(
+        poses.numbers, rotations, positions, found.loss, hessian[:, :6, :6], found.scale, steps, focals, information
+    )
+    return _Active(active.points, reached, history, active.has_focals)
+
+
+def _information_of_focal(hessian: Tensor, mass: Tensor) -> Tensor:
+    """Return the curvature (K,) of a loss of unit mass by the last of the unknowns (K, 7, 7) that is left where the others follow it."""
+    pose, mixed = hessian[:, :6, :6], hessian[:, :6, 6]
+    steadied = pose + torch.diag_embed(torch.diagonal(pose, dim1=-2, dim2=-1) * 1e-4 + 1e-6)
+    left: Tensor = hessian[:, 6, 6] - (mixed * torch.linalg.solve_ex(steadied, mixed)[0]).sum(-1)
+    return left.clamp_min(0.0) / mass
 
 
 def _without_duplicates(

@@ -12,27 +12,28 @@ at which some of it agrees well. Of 16 photos of rooms of which 60 % had changed
 (docs/experiments.md).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from panoloc.core.config import StepConfig
-from panoloc.core.features.line_hold import LineHold
+from panoloc.core.config import CONTRAST, StepConfig
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.image.level import Level
-from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.patches import PatchSums
 
 _FEWEST_POINTS = 5.0  # of a patch that has a vote
 _MOST_CORRELATED = 0.999
+_LEAST_RATIO = 1e-4  # of a squared residual to the variance of a patch; smaller ones are noise
+_METRES_PER_RAD, _METRES_PER_LOG = 1.5, 2.0  # of turns and focal lengths that move what is seen as far as a move does
 
 
 @dataclass(frozen=True)
 class StepHistory:
     """How the last step of each of K candidates went.
 
-    step: (K, 6), turn (rad) and move (m), zero before the first. slope: (K,), of the loss along it where it began. relaxation: (K,), the
-    factor that it was lengthened by.
+    step: (K, U), turn (rad), move (m) and, where it is unknown, the logarithm of the focal length, zero before the first. slope: (K,), of
+    the loss along it where it began. relaxation: (K,), the factor that it was lengthened by.
     """
 
     step: Tensor
@@ -40,10 +41,12 @@ class StepHistory:
     relaxation: Tensor
 
     @staticmethod
-    def initial(count: int, config: StepConfig, device: torch.device) -> "StepHistory":
+    def initial(count: int, unknowns: int, config: StepConfig, device: torch.device) -> "StepHistory":
         """Return the history of `count` candidates that have not moved yet."""
         nothing = torch.zeros(count, device=device)
-        return StepHistory(torch.zeros((count, 6), device=device), nothing, torch.full_like(nothing, config.relaxation))
+        return StepHistory(
+            torch.zeros((count, unknowns), device=device), nothing, torch.full_like(nothing, config.relaxation)
+        )
 
     def take(self, chosen: Tensor) -> "StepHistory":
         """Return some of the candidates."""
@@ -54,7 +57,7 @@ class StepHistory:
 class PointPlanes:
     """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
 
-    images: (K, N), as in `CandidatePoints`. sums: over the patches. lines: as in `CandidatePoints`.
+    images: (K, N), as in `CandidatePoints`. sums: over the patches.
 
     One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
     """
@@ -64,24 +67,24 @@ class PointPlanes:
     weights: Tensor
     images: Tensor | None
     sums: PatchSums
-    lines: LineHold | None = None
 
     def take(self, chosen: Tensor) -> "PointPlanes":
         """Return the points of some of the candidates."""
         images = None if self.images is None else self.images[chosen]
-        lines = None if self.lines is None else self.lines.take(chosen)
-        return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], images, self.sums, lines)
+        return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], images, self.sums)
 
 
 @dataclass(frozen=True)
 class PoseStep:
     """Poses after a step, and what the step saw before it moved.
 
-    rotations: (K, 3, 3) map_from_rig; positions: (K, 3). history: how it went. equations: of the poses before.
+    rotations: (K, 3, 3) map_from_rig; positions: (K, 3); log_focals: (K,), None where the focal length is known. history: how it went.
+    equations: of the poses before.
     """
 
     rotations: Tensor
     positions: Tensor
+    log_focals: Tensor | None
     history: StepHistory
     equations: "PatchEquations"
 
@@ -91,21 +94,37 @@ def pose_step(
     points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
+    log_focals: Tensor | None,
     history: StepHistory,
     config: StepConfig,
     relaxed: bool,
+    bounds: tuple[float, float] | None = None,
 ) -> PoseStep:
-    """Move K poses by one step. history: of the step before. relaxed: whether to lengthen the step."""
-    found = patch_equations(level, points, rotations, positions, config)
+    """Move K poses by one step. history: of the step before. relaxed: whether to lengthen the step. log_focals: (K,), as of
+    `Level.sample_points`; unknown as well within `bounds`, known without."""
+    found = patch_equations(level, points, rotations, positions, config, log_focals, with_focal=bounds is not None)
     relaxation = _next_relaxation(history, found.gradient, config)
-    turn, move = _solve(found, config, relaxation if relaxed else torch.ones_like(relaxation))
-    step = torch.cat((turn, move), dim=-1)
+    free = found if log_focals is None or bounds is None else _held(found, log_focals, bounds)
+    step = _solve(free, config, relaxation if relaxed else torch.ones_like(relaxation))
+    turn, move = step[:, :3], step[:, 3:6]
+    if log_focals is not None and bounds is not None:
+        log_focals = (log_focals + step[:, 6]).clamp(*bounds)
     return PoseStep(
         rotations @ rotation_from_vector(turn),
         torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0],
+        log_focals,
         StepHistory(step, (found.gradient * step).sum(-1), relaxation),
         found,
     )
+
+
+def _held(equations: "PatchEquations", log_focals: Tensor, bounds: tuple[float, float]) -> "PatchEquations":
+    """Return equations in which focal lengths at a bound, beyond which the loss falls, are no unknown: the pose must not follow them."""
+    slope, free = equations.gradient[:, 6], torch.ones_like(equations.gradient)
+    held = ((log_focals <= bounds[0]) & (slope > 0)) | ((log_focals >= bounds[1]) & (slope < 0))
+    free[:, 6] = (~held).float()
+    hessian = equations.hessian * free[:, :, None] * free[:, None]
+    return replace(equations, hessian=hessian, gradient=equations.gradient * free)
 
 
 def _next_relaxation(history: StepHistory, gradient: Tensor, config: StepConfig) -> Tensor:
@@ -120,17 +139,18 @@ def _next_relaxation(history: StepHistory, gradient: Tensor, config: StepConfig)
     return torch.where(history.slope < 0, longer, history.relaxation)
 
 
-def _solve(equations: "PatchEquations", config: StepConfig, relaxation: Tensor) -> tuple[Tensor, Tensor]:
-    """Solve the damped normal equations: turns and moves (K, 3), `relaxation` (K,) times the solution but within the limits."""
+def _solve(equations: "PatchEquations", config: StepConfig, relaxation: Tensor) -> Tensor:
+    """Solve the damped normal equations: steps (K, U), `relaxation` (K,) times the solution but within the limits."""
     hessian = equations.hessian
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     damped = hessian + torch.diag_embed(diagonal * config.damping + 1e-6)
     # Damped equations always have a solution; to check would make a GPU wait.
     update = -relaxation[:, None] * torch.linalg.solve_ex(damped, equations.gradient)[0]
-    turn, move = update[:, :3], update[:, 3:]
-    turn = turn * (config.max_turn_rad / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
-    move = move * (config.max_move_m / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
-    return turn, move
+    # As a whole: a part of it alone would leave the valley that pose and focal length share.
+    turn, move, spread = update[:, :3].norm(dim=-1), update[:, 3:6].norm(dim=-1), update[:, 6:].abs().sum(-1)
+    longest = torch.stack((_METRES_PER_RAD * turn, move, _METRES_PER_LOG * spread)).amax(0) / config.max_step_m
+    step: Tensor = update / longest.clamp_min(1.0)[:, None]
+    return step
 
 
 @dataclass(frozen=True)
@@ -154,13 +174,14 @@ def patch_equations(
     rotations: Tensor,
     positions: Tensor,
     config: StepConfig,
-    log_focal: Tensor | None = None,
+    log_focals: Tensor | None = None,
+    with_focal: bool = False,
 ) -> PatchEquations:
-    """Return the equations of a step at K poses; log_focal: as of `Level.sample_points`."""
-    seen, inside = level.sample_points(points.positions, points.images, rotations, positions, log_focal)
+    """Return the equations of a step at K poses; log_focals: as of `Level.sample_points`. with_focal: whether these are unknown."""
+    seen, inside = level.sample_points(points.positions, points.images, rotations, positions, log_focals)
     by_patch = _Patches(points, points.weights * inside)
     shown, scanned = by_patch.centered(seen.color), by_patch.centered(points.colors)
-    common, power = by_patch.covariances(shown, scanned, config.min_variance)
+    common, power = by_patch.covariances(shown, scanned, CONTRAST.noise)
     correlation = (common / (power[0] * power[1]).sqrt()).clamp(0, _MOST_CORRELATED)
     unexplained = (1 - correlation.square()).sqrt()
     gain = (common / power[0]).clamp_min(0)
@@ -169,23 +190,20 @@ def patch_equations(
     weights = by_patch.weights * by_patch.spread(votes)
     if config.robust_scale is not None:
         relative = _over_channels(residual, residual) / by_patch.spread(power[1])
-        weights = weights * _robust(relative, by_patch.weights, config.robust_scale, config.min_ratio)
+        weights = weights * _robust(relative, by_patch.weights, config.robust_scale)
     derivatives = seen.derivatives * by_patch.spread(gain)[:, None, None]
-    hessian, gradient = by_patch.normal_equations(seen.directions, derivatives, residual, shown, weights)
+    directions = seen.directions if with_focal else seen.directions[:, :6]
+    hessian, gradient = by_patch.normal_equations(directions, derivatives, residual, shown, weights)
     total = by_patch.mass.sum(-1).clamp_min(1e-9)
-    if points.lines is not None:
-        by_turn, slope = points.lines.equations(rotations)
-        hessian[:, :3, :3] += by_turn * total[:, None, None]
-        gradient[:, :3] += slope * total[:, None]
     loss = (by_patch.mass * unexplained).sum(-1) / total
     scale = ((weights * _over_channels(residual, residual)).sum(-1) / total).sqrt()
     return PatchEquations(hessian, gradient, total, loss, scale)
 
 
-def _robust(relative: Tensor, weights: Tensor, scale: float, floor: float) -> Tensor:
+def _robust(relative: Tensor, weights: Tensor, scale: float) -> Tensor:
     """Return by how much less each point (K, N) counts (Geman-McClure), from squared residuals over the variance of its patch."""
     median = torch.where(weights > 0, relative, torch.nan).nanmedian(-1).values.nan_to_num(1.0)
-    ratio = relative / (scale**2 * median.clamp_min(floor))[:, None]
+    ratio = relative / (scale**2 * median.clamp_min(_LEAST_RATIO))[:, None]
     return 1 / (1 + ratio).square()
 
 

@@ -66,7 +66,13 @@ class RigView:
         self._same: dict[int, _SameForAllPoses] = {}
 
     def compare(
-        self, cloud: RenderCloud, rotations: Tensor, positions: Tensor, rows: int, with_points: bool = True
+        self,
+        cloud: RenderCloud,
+        rotations: Tensor,
+        positions: Tensor,
+        rows: int,
+        with_points: bool = True,
+        log_focals: Tensor | None = None,
     ) -> Comparison:
         """Render the cloud at K poses of the rig, rotations (K, 3, 3) and positions (K, 3), and look up what the images show.
 
@@ -78,7 +84,7 @@ class RigView:
         window = self._window.at(rows)
         parts = ViewParts(rotations @ self.rig_from_view, window, axes, self._half_angles)
         views = render_parts(cloud, positions, parts, with_points)
-        seen, image = self._look_up(views, rows)
+        seen, image = self._look_up(views, rows, log_focals)
         weights = views.valid.flatten(1) * window.solid_angles(positions.device) * (image >= 0)
         scan, tables = views.color.flatten(1, 2), None
         if self.pyramid.labels is None:
@@ -86,12 +92,12 @@ class RigView:
             seen, tables = equalize_where(seen, weights, image >= 0)
         return Comparison(scan, seen, weights, tables, views, image)
 
-    def _look_up(self, views: SyntheticViews, rows: int) -> tuple[Tensor, Tensor]:
+    def _look_up(self, views: SyntheticViews, rows: int, log_focals: Tensor | None) -> tuple[Tensor, Tensor]:
         """Return the colours (K, S, 3) that images show at the rendered pixels, and the number of the image (K, S), −1 for none."""
         same = self._same_for_all_poses(rows)
         valid, depth = views.valid.flatten(1), views.depth.flatten(1)
         count, size = depth.shape
-        if same.alone is not None:
+        if same.alone is not None and log_focals is None:
             color, shown = same.alone
             shown = shown & valid
             return color * shown[..., None], torch.where(shown, 0, -1)
@@ -101,7 +107,7 @@ class RigView:
         depth = torch.where(valid, depth, 1.0)
         for number, near in enumerate(same.near):
             in_rig = same.directions.T[:, None, near] * depth[:, near]
-            sampled, ahead = self._sampled(same.level, in_rig, number)
+            sampled, ahead = self._sampled(same.level, in_rig, number, log_focals)
             before = central[:, near]
             better = valid[:, near] & (sampled[3] > VALID_SHARE) & (ahead > before)
             central[:, near] = torch.where(better, ahead, before)
@@ -109,10 +115,15 @@ class RigView:
             color[:, :, near] = torch.where(better, sampled[:3], color[:, :, near])
         return color.permute(1, 2, 0).contiguous(), image
 
-    def _sampled(self, level: Level, in_rig: Tensor, number: int) -> tuple[Tensor, Tensor]:
+    def _sampled(
+        self, level: Level, in_rig: Tensor, number: int, log_focals: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Return what an image shows at points of the rig (3, K, N): colour and validity (4, K, N), and how near they are to its middle."""
         moved = in_rig - level.centers[number][:, None, None]
         x, y, z = (level.rotations[number].T @ moved.flatten(1)).view(in_rig.shape).unbind(0)
+        if log_focals is not None:
+            factors = log_focals.exp()[:, None]
+            y, z = y * factors, z * factors
         flat = torch.hypot(x, y)
         sampled = level.sample(torch.atan2(y, x), torch.atan2(z, flat), number)
         return sampled.transpose(0, 1), x / torch.hypot(flat, z).clamp_min(1e-6)

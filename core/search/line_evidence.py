@@ -8,7 +8,7 @@ from torch import Tensor
 from panoloc.core.config import PoseDistance, SearchConfig
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.geometry.distinct_poses import first_distinct
-from panoloc.core.geometry.rotations import rotations_of_axes
+from panoloc.core.geometry.rotations import rotation_spacing, rotations_of_axes
 from panoloc.core.search.pose_limits import PoseLimits
 
 
@@ -40,7 +40,7 @@ class LineEvidence:
 
     def likely_rotations(self, rotations: Tensor, limits: PoseLimits, config: SearchConfig) -> Tensor:
         """Return those of rotations (R, 3, 3) within the limits that edges agree with best (L, 3, 3), some degrees apart."""
-        allowed = rotations[limits.allows_rotation(rotations, math.radians(config.line_margin_deg))]
+        allowed = rotations[limits.allows_rotation(rotations, rotation_spacing(len(rotations)) / 2)]
         share = round(config.likely_share * len(allowed))
         count = min(len(allowed), max(config.fewest_likely, min(share, config.most_likely)))
         best = allowed[self.of_rotations(allowed).topk(count).indices]

@@ -7,7 +7,6 @@ rotations are left, and every pose is scored by pixels.
 Paper: §3.3 (all starts with all rotations).
 """
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -16,14 +15,13 @@ from torch import Tensor
 
 from panoloc.core.config import PoseDistance, SearchConfig
 from panoloc.core.features.described_views import DescribedViews
-from panoloc.core.features.patch_descriptors import patch_scores
-from panoloc.core.geometry.rotations import rotation_angle, uniform_rotations
+from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
+from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.candidates import Candidates, MapCandidates
 from panoloc.core.search.described_rig import DescribedRig
 from panoloc.core.search.every_pose import scores_of_every_pose
 from panoloc.core.search.line_evidence import LineEvidence
-from panoloc.core.search.patch_scores import patch_scores_of
 from panoloc.core.search.pixel_scores import pixel_scores
 from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.search.position_sweep import swept
@@ -59,21 +57,22 @@ class MapSearch:
         by_lines: bool,
         count: int,
         near: PoseDistance,
-        around: Tensor | None = None,
     ) -> MapCandidates:
         """Return the best `count` poses at the starts (T,) within limits, none near one before it.
 
-        by_lines: only of rotations that lines agree with, where they are asked. around: (3, 3), of rotations near this one alone.
+        by_lines: only of rotations that lines agree with, where they are asked.
         """
         if by_lines and self.lines is not None:
-            return self._by_lines(self.lines, limits, starts, count, near, around)
-        rotations = self._searched_rotations(limits, around)
+            return self._by_lines(self.lines, limits, starts, count, near)
+        rotations = self._rotations(
+            self.config.wide_rotations if self.is_wide else self.config.narrow_rotations, limits
+        )
         if not len(starts) or not len(rotations):
             return self._nothing(starts)
         halvings = 1 if self.is_wide else 0
         patches = self.rig.patches(self.index.views.basis, halvings)
         scores = patch_scores(patches, self.index.views.descriptors(halvings).take(starts), rotations)
-        budget = self.config.wide_rescored_pixels if self.is_wide else self.config.rescored_pixels
+        budget = self.config.few_rescored_pixels if self.is_wide else self.config.rescored_pixels
         most = max(count, budget // max(1, len(self.rig.pixels)))
         best = scores.flatten().topk(min(most, scores.numel())).indices
         start, rotation = best // len(rotations), best % len(rotations)
@@ -89,12 +88,11 @@ class MapSearch:
         starts: Tensor,
         count: int,
         near: PoseDistance,
-        around: Tensor | None,
     ) -> MapCandidates:
         """Score the starts with the few rotations that lines leave, and the best at places around their starts as well."""
         config = self.config
         every = rotations_of(config.line_rotations, str(starts.device))
-        rotations = lines.likely_rotations(every[self._is_near(every, around)], limits, config)
+        rotations = lines.likely_rotations(every, limits, config)
         if not len(starts) or not len(rotations):
             return self._nothing(starts)
         views = self._views(starts)
@@ -104,10 +102,10 @@ class MapSearch:
         by_patches = config.likely_histogram_weight * patch_scores_of(
             self.rig.patches(self.index.views.basis), views, rotations, start, rotation
         )
-        most = max(1, config.likely_rescored_pixels // max(1, len(self.rig.pixels)))
+        most = max(1, config.few_rescored_pixels // max(1, len(self.rig.pixels)))
         again = (scores.flatten()[best] + by_patches).topk(min(most, len(best))).indices
         found = self._rescored(views, starts, rotations, start[again], rotation[again], by_patches[again])
-        found = found.ranked(found.scores, config.swept_distinct, config.swept, config.pool)
+        found = found.ranked(found.scores, config.swept_distinct, config.pool, config.pool)
         return MapCandidates(swept(self.rig, self.index, found, near, count, config), len(starts), scores.numel())
 
     def _rescored(
@@ -124,23 +122,9 @@ class MapSearch:
         numbers = starts[start]
         return Candidates(numbers, rotations[rotation], self.index.starts[numbers], scores + by_patches, by_patches)
 
-    def _searched_rotations(self, limits: PoseLimits, around: Tensor | None) -> Tensor:
-        """Return the rotations (R, 3, 3) that limits leave: of narrow rigs of a denser set, where they leave few of it."""
-        config = self.config
-        if self.is_wide:
-            return self._rotations(config.wide_rotations, limits, around)
-        dense = self._rotations(config.dense_rotations, limits, around)
-        return dense if len(dense) <= config.most_dense else self._rotations(config.narrow_rotations, limits, around)
-
-    def _rotations(self, count: int, limits: PoseLimits, around: Tensor | None = None) -> Tensor:
+    def _rotations(self, count: int, limits: PoseLimits) -> Tensor:
         every = rotations_of(count, str(self.index.starts.device))
-        margin_deg = self.config.wide_margin_deg if self.is_wide else self.config.narrow_margin_deg
-        return every[limits.allows_rotation(every, math.radians(margin_deg)) & self._is_near(every, around)]
-
-    def _is_near(self, rotations: Tensor, around: Tensor | None) -> Tensor:
-        if around is None:
-            return torch.ones(len(rotations), dtype=torch.bool, device=rotations.device)
-        return rotation_angle(rotations, around) < math.radians(self.config.near_deg)
+        return every[limits.allows_rotation(every, rotation_spacing(count) / 2)]
 
     @property
     def _is_labels(self) -> bool:
@@ -180,3 +164,20 @@ def rotations_of(count: int, device: str) -> Tensor:
     """Return so many rotations (R, 3, 3) spread evenly over SO(3), made once. Not to be changed: many share them."""
     with torch.inference_mode(False):  # they outlive the query that asked for them first
         return uniform_rotations(count).to(device)
+
+
+def patch_scores_of(
+    patches: DescribedPatches, views: DescribedViews, rotations: Tensor, start: Tensor, rotation: Tensor
+) -> Tensor:
+    """Return the scores (K,) of some poses alone, the views numbered `start` (K,) with the rotations numbered `rotation` (K,).
+
+    As those of `patch_scores`, without the similarity of patches that none of them puts on each other.
+    """
+    own = patches.values  # (Q, D)
+    weighted = own * patches.weights[:, None]
+    # Σ w (q · v)² over patches of the images and of the view.
+    variance = (views.spreads * (own.T @ weighted)).sum((1, 2))
+    towards = patches.towards(rotations)[rotation]  # (K, Q)
+    met = views.steps.flatten(0, 1).index_select(0, (start[:, None] * len(patches.grid) + towards).flatten())
+    met = met.view(len(start), -1).float()
+    return met @ weighted.flatten() * views.scale[start] / variance[start].clamp_min(1e-18).sqrt()

@@ -114,10 +114,6 @@ class PoseLimits:
         """Return which starts (T, 3) are searched; the nearest one always is, when any limit lies near it."""
         return self.allows_position(starts, margin_m + self.reach_m)
 
-    def searched_rotations(self, rotations: Tensor, margin_deg: float) -> Tensor:
-        """Return which rotations (R, 3, 3) are searched."""
-        return self.allows_rotation(rotations, math.radians(margin_deg))
-
 
 def _tilted_at_most(rotations: Tensor, up: Tensor, most: float) -> Tensor:
     """Return rotations (K, 3, 3) turned so that `up` (K, 3), unit vectors in the map, are at most `most` radians off its z axis."""

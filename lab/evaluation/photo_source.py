@@ -71,7 +71,7 @@ def cut_query(known: KnownQuery, camera: QueryCamera, rng: np.random.Generator, 
     photos = [cut_photo(known.panorama, lens, place.rotation.T @ rotation) for rotation in rotations]
     poses = [Pose(rotation, place.position) for rotation in rotations]
     if camera.session is None:
-        session = Rig.of_photo(photos[0])
+        session = camera.alone(photos[0], rng)
     else:
         axes = session_axes(rng, poses[0], upright=camera.session.up_known)
         session = tracked(photos, poses, axes, camera.session, rng)

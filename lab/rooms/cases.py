@@ -194,7 +194,7 @@ def _photos(
         look = suite.drawn_look(rng)
         photos = [photo_with_look(photo, look, (seed, number)) for number, photo in enumerate(photos)]
     if camera.session is None:
-        return _Taken(now, Rig.of_photo(photos[0]), tuple(poses), None, poses[0])
+        return _Taken(now, camera.alone(photos[0], rng), tuple(poses), None, poses[0])
     axes = session_axes(rng, poses[0], upright=camera.session.up_known)
     return _Taken(now, tracked(photos, poses, axes, camera.session, rng), tuple(poses), None, axes)
 

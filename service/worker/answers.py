@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.rig import Photo
-from panoloc.core.config import ChangeConfig
 from panoloc.core.earth.geopose import geopose_of
 from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.geometry.pose import Pose
@@ -208,7 +207,7 @@ def change_cells(index: MapIndex, localization: Localization) -> dict[str, Any] 
     means = np.bincount(of_point, scores[known], len(keys)) / np.maximum(counts, 1)
     cells = places[first].astype(np.int16)
     enough = counts >= _LEAST_POINTS
-    changed = enough & (means < ChangeConfig().changed_below)
+    changed = enough & (means < 0.5)
     return {"cell_m": cell_m, "seen": _packed(cells[enough]), "changed": _packed(cells[changed])}
 
 

@@ -31,7 +31,3 @@ def test_no_stage_starts_after_the_deadline() -> None:
     clock = StageClock(0.5, CPU)
     with pytest.raises(DeadlineExceededError, match="no pose within"), clock.stage("search"):
         pytest.fail("the stage ran")
-
-
-def test_half_of_the_time_is_past_when_less_is_left_than_was_used() -> None:
-    assert [StageClock(timeout_s, CPU).is_past_half() for timeout_s in (1.9, 2.1, None)] == [True, False, False]

@@ -12,6 +12,7 @@ from panoloc.core.geometry.pose import FRAMES, Pose, matrix_from_quaternion, pos
 from panoloc.core.geometry.rotations import (
     rotation_angle,
     rotation_from_vector,
+    rotation_spacing,
     uniform_rotations,
 )
 from panoloc.core.options import Frame
@@ -112,6 +113,9 @@ def test_rotations_are_uniform_no_orientation_is_far_from_one_and_none_is_crowde
     # N caps of angle a fill the group when N (a − sin a) / π = 1; the covering radius of a good spread stays below twice that.
     ideal = next(a for a in np.linspace(0.01, 3, 3000) if count * (a - math.sin(a)) / math.pi >= 1)
     assert float(angles.amin(1).max()) < 2 * math.degrees(ideal)
+    # The second smallest angle from a rotation to all of them is that to its nearest neighbour.
+    apart = rotation_angle(found[:200, None], found[None]).topk(2, largest=False).values[:, 1]
+    assert 0.75 < float(apart.mean()) / rotation_spacing(count) < 1.1
     within = (angles < 90).double().mean(1)
     expected = (math.pi / 2 - 1) / math.pi
     assert float((within - expected).abs().max()) < 0.25 * expected

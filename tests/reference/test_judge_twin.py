@@ -30,9 +30,9 @@ def covariances(first: Array, second: Array, weights: Array) -> tuple[Array, Arr
 
 
 def correlation(scan: Array, seen: Array, weights: Array) -> float:
-    """Return the mean over channels of the correlation of all pixels, with 1e-4 for the variance of noise."""
+    """Return the mean over channels of the correlation of all pixels, with 1e-3 for the variance of noise."""
     both, one, other = covariances(scan, seen, weights)
-    return float(np.mean(both / np.sqrt((one + 1e-4) * (other + 1e-4))))
+    return float(np.mean(both / np.sqrt((one + 1e-3) * (other + 1e-3))))
 
 
 def in_patches(scan: Array, seen: Array, weights: Array, height: int, side: int) -> list[tuple[float, float]]:
@@ -53,8 +53,8 @@ def in_patches(scan: Array, seen: Array, weights: Array, height: int, side: int)
     return found
 
 
-HEIGHT, SIDE = 16, 4
-SHARE = 0.7  # of the sphere, that was photographed
+HEIGHT = 16
+SHARES = (0.7, 0.9, 0.3)  # of the sphere, that were photographed
 COUNT = HEIGHT * 2 * HEIGHT
 
 
@@ -70,26 +70,27 @@ def made_pairs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return scan, seen, weights
 
 
-def measured(*pairs: np.ndarray, lines: torch.Tensor | None = None) -> Agreement:
+def measured(*pairs: np.ndarray, side: int = 4, lines: torch.Tensor | None = None) -> Agreement:
     sides = {
         name: torch.from_numpy(each).float() for name, each in zip(("scan", "seen", "weights"), pairs, strict=True)
     }
     comparison: Any = SimpleNamespace(**sides, views=SimpleNamespace(window=SphereWindow.of_sphere(HEIGHT)))
-    return agreement(comparison, JudgeConfig(), SHARE, 180 * SIDE / HEIGHT, lines)
+    return agreement(comparison, JudgeConfig(), torch.tensor(SHARES), 180 * side / HEIGHT, lines)
 
 
-def test_every_measure_agrees_with_its_definition_and_so_does_the_score() -> None:
+@pytest.mark.parametrize("side", [4, 5], ids=["whole patches", "patches cut by the border"])
+def test_every_measure_agrees_with_its_definition_and_so_does_the_score(side: int) -> None:
     pairs = made_pairs()
-    found = measured(*pairs)
+    found = measured(*pairs, side=side)
     for k, (scan, seen, weights) in enumerate(zip(*pairs, strict=True)):
-        inside = in_patches(scan, seen, weights, HEIGHT, SIDE)
+        inside = in_patches(scan, seen, weights, HEIGHT, side)
         expected = {
             "correlation": correlation(scan, seen, weights),
             "patch_correlation": sum(share * value for value, share in inside),
             "coverage": weights.sum() / (4 * math.pi),
             "explained": sum(share * (1 - math.sqrt(1 - max(value, 0) ** 2)) for value, share in inside),
         }
-        expected["relative_coverage"] = min(1.0, expected["coverage"] / SHARE)
+        expected["relative_coverage"] = min(1.0, expected["coverage"] / SHARES[k])
         expected["score"] = 2 * expected["explained"] * math.sqrt(expected["relative_coverage"])
         for name, value in expected.items():
             assert float(getattr(found, name)[k]) == pytest.approx(value, rel=1e-4, abs=1e-6), name

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.config import PaperConfig, StepConfig
+from panoloc.core.config import CONTRAST, PaperConfig, StepConfig
 from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.image.level import SampledPoints
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
-from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.patches import PatchSums
 from panoloc.core.refine.step import PointPlanes, patch_equations
 from tests.core.found_pose import known
 from tests.core.painted_box import rotation_of
@@ -142,8 +142,9 @@ def test_the_equations_of_a_step_are_those_of_the_jacobian_without_the_light_of_
     place, painted, counted = (torch.from_numpy(each)[None] for each in (np.zeros((3, count)), colors, weights))
     points = PointPlanes(place, painted, counted, None, PatchSums(torch.from_numpy(patches)))
     config = StepConfig(robust_scale=None)
-    found = patch_equations(level, points, POSE[0][None], POSE[1][None], config)
-    expected = looped_equations(seen, colors, weights * inside, patches, config.min_variance)
+    focals = torch.zeros(1) if unknowns == 7 else None
+    found = patch_equations(level, points, POSE[0][None], POSE[1][None], config, focals, unknowns == 7)
+    expected = looped_equations(seen, colors, weights * inside, patches, CONTRAST.noise)
     assert abs(expected[1]).max() > 0.1
     for value, wanted in zip((found.hessian, found.gradient, found.loss, found.scale), expected, strict=True):
         np.testing.assert_allclose(value[0].numpy(), np.asarray(wanted), rtol=1e-6, atol=1e-9)

@@ -16,7 +16,7 @@ from panoloc.core.paper.score_maps import (
     score_map_3d,
     view_patch_scores,
 )
-from panoloc.core.search.patch_scores import patch_scores_of
+from panoloc.core.search.map_search import patch_scores_of
 from tests.reference import search_twin as twin
 
 ROWS, COLUMNS = 3, 6

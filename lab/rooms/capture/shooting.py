@@ -3,8 +3,9 @@
 Headings, pitch and roll of a handheld camera are drawn here, and the places that its lens takes while it is turned or carried.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,13 +138,21 @@ class QueryCamera:
 
     shooting: how the images are taken; None: as a full panorama with a defect drawn over it. session: what is known of their poses among
     each other; None: of one image nothing, its own frame is the session. hints: of the call. masked: the mask
-    covers the defect exactly.
+    covers the defect exactly. zoom: least and most, by which a focal length in EXIF data is too short.
     """
 
     shooting: Shooting | None
     session: SessionOptions | None = None
     hints: Hints | None = None
     masked: bool = False
+    zoom: tuple[float, float] | None = None
+
+    def alone(self, photo: Photo, rng: np.random.Generator) -> Rig:
+        """Return the rig of one photo, with the camera that is stated of it."""
+        if self.zoom is None:
+            return Rig.of_photo(photo)
+        stated = Rig.of_photo(replace(photo, focal_uncertainty=0.013))
+        return stated.with_focal_factor(math.exp(-rng.uniform(*np.log(self.zoom))))
 
 
 def session_axes(rng: np.random.Generator, near: Pose, *, upright: bool) -> Pose:

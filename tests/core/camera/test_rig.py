@@ -17,7 +17,8 @@ FISHEYE = Camera("opencv_fisheye", 32, 24, 10.0, 10.0, 16.0, 12.0)
 
 def photo_of(camera: Camera) -> Photo:
     shape = camera.height_px, camera.width_px
-    return Photo(np.zeros((*shape, 3), np.uint8), np.ones(shape, bool), camera, hfov_range_deg=(40.0, 90.0))
+    blank = np.zeros((*shape, 3), np.uint8)
+    return Photo(blank, np.ones(shape, bool), camera, hfov_range_deg=(40.0, 90.0), focal_uncertainty=0.02)
 
 
 def rig_of(*cameras: Camera) -> Rig:
@@ -37,14 +38,14 @@ def test_the_axes_of_a_rig_are_those_of_the_session_from_the_middle_of_its_camer
     np.testing.assert_array_equal(middle.rotation, np.eye(3))
 
 
-def test_a_longer_focal_length_is_that_of_every_image_and_known() -> None:
+def test_a_longer_focal_length_is_that_of_every_image_and_nothing_else_changes() -> None:
     rig = rig_of(PINHOLE, LENS)
-    longer = rig.with_focal_factor(1.5, 0.02)
+    longer = rig.with_focal_factor(1.5)
     for before, after in zip(rig.images, longer.images, strict=True):
         given, camera = before.photo.camera, after.photo.camera
         assert (camera.fx_px, camera.fy_px) == (45.0, 46.5)
         assert (camera.cx_px, camera.cy_px, camera.distortion) == (given.cx_px, given.cy_px, given.distortion)
-        assert (after.photo.hfov_range_deg, after.photo.focal_uncertainty) == (None, 0.02)
+        assert (after.photo.hfov_range_deg, after.photo.focal_uncertainty) == ((40.0, 90.0), 0.02)
         assert after.session_from_camera is before.session_from_camera
 
 

@@ -19,7 +19,7 @@ HEIGHT, WIDTH = 24, 48
 SOLID = pixel_solid_angles(HEIGHT, WIDTH).expand(-1, WIDTH)
 CENTER = torch.tensor([1.0, -2.0, 0.5])
 BLOCK = slice(8, 16), slice(10, 22)
-CONFIG = ChangeConfig(half_score_difference=0.2, changed_below=0.5, sampled_points=50_000)
+CONFIG = ChangeConfig(half_score_difference=0.2, sampled_points=50_000)
 
 
 def picture() -> torch.Tensor:
@@ -100,7 +100,7 @@ def fitted_light(panorama: np.ndarray, scan: np.ndarray, weights: np.ndarray) ->
         source, target = panorama[:, channel], scan[:, channel]
         middle, wanted = share @ source, share @ target
         slope = (share @ ((source - middle) * (target - wanted)) + 1e-3) / (share @ (source - middle) ** 2 + 1e-3)
-        fitted[:, channel] = (source - middle) * np.clip(slope, 0.3, 3.0) + wanted
+        fitted[:, channel] = (source - middle) * np.clip(slope, 1 / 3, 3.0) + wanted
     return fitted
 
 
@@ -128,13 +128,13 @@ def test_scores_and_shares_are_those_of_a_loop_over_the_pixels() -> None:
     scan = picture().double().numpy()
     panorama = with_block(picture()).double().numpy() * 0.8 + rng.normal(0, 0.15, scan.shape)
     weights = SOLID.double().numpy() * (rng.uniform(size=(HEIGHT, WIDTH)) > 0.1)
-    for config in (CONFIG, ChangeConfig(half_score_difference=0.3, changed_below=0.7)):
+    for config in (CONFIG, ChangeConfig(half_score_difference=0.3)):
         first, second, third = (torch.from_numpy(each).float() for each in (scan, panorama, weights))
         found = compared(first, second, third, config=config)
         expected = pixel_scores(scan, panorama, weights, config.half_score_difference)
         seen = weights > 0
         np.testing.assert_allclose(found.score_map_2d[seen], expected[seen], atol=1e-4)
-        changed = weights[expected < config.changed_below].sum() / weights.sum()
+        changed = weights[expected < 0.5].sum() / weights.sum()
         assert 0.02 < changed < 0.98
         assert found.panorama_changed_fraction == pytest.approx(changed, abs=0.003)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from panoloc.core.config import JudgeConfig
-from panoloc.core.decide.doubts import Doubts
-from panoloc.core.decide.photo_agreement import PhotoAgreement
+from panoloc.core.decide.agreement import PhotoAgreement
+from panoloc.core.decide.verdict import Doubts
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Status
 from panoloc.core.results import Candidate, Localization, SearchSummary

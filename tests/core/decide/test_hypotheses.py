@@ -28,9 +28,8 @@ def placed(x: float, score: float = 0.0, loss: float = 0.0, map_number: int = 0)
 
 
 def test_of_candidates_that_met_the_one_of_smallest_loss_stays() -> None:
-    found = merged(
-        [placed(0.0, loss=0.3), placed(0.05, loss=0.1), placed(1.0, loss=0.2), placed(0.05, map_number=1)], JUDGE.merged
-    )
+    met = [placed(0.0, loss=0.3), placed(0.05, loss=0.1), placed(1.0, loss=0.2), placed(0.05, map_number=1)]
+    found = merged(met, PoseDistance(0.1, 3.0))
     assert [(h.map_number, h.loss) for h in found] == [(1, 0.0), (0, 0.1), (0, 0.2)]
 
 
@@ -79,6 +78,8 @@ def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() 
         hessian=torch.stack((torch.eye(6), 2 * torch.eye(6))),
         scale=torch.tensor([0.125, 0.75]),
         steps=torch.tensor([7, 9]),
+        log_focals=torch.tensor([-0.0625, 0.375]),
+        information=torch.tensor([0.5, 2.0]),
     )
     found = with_refined(group, refined)
     assert [h.start for h in found] == [0, 2]  # the second had come together with one of these
@@ -87,6 +88,7 @@ def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() 
         assert torch.equal(one.position, refined.positions[k])
         assert torch.equal(known(one.hessian), refined.hessian[k])
         assert (one.loss, one.residual_scale) == (float(refined.loss[k]), float(refined.scale[k]))
+        assert (one.log_focal, one.information) == (float(refined.log_focals[k]), float(refined.information[k]))
         assert one.iterations == before.iterations + int(refined.steps[k])
         assert (one.map_number, one.score, one.color_model) == (2, before.score, "x")
 

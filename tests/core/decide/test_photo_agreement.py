@@ -7,7 +7,7 @@ import pytest
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import JudgeConfig
-from panoloc.core.decide.photo_agreement import PhotoAgreement, agreement_by_photo
+from panoloc.core.decide.agreement import PhotoAgreement, agreement_by_photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.comparison import Comparison, RigView

@@ -1,4 +1,4 @@
-"""Vanishing points: how edges agree with turns of the camera, and the hold that they have on poses."""
+"""Vanishing points: how edges agree with turns of the camera."""
 
 import math
 from dataclasses import replace
@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import LineConfig
-from panoloc.core.features.line_hold import LineHold
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.photo_edges import Edges
 from panoloc.core.geometry.rotations import (
@@ -62,39 +61,3 @@ def rotations_of_symmetry() -> Tensor:
                 found.append(new)
     assert len(found) == 24
     return torch.stack(found)
-
-
-def hold_of(edges: Edges, strength: float = 1.0, axes_from_map: Tensor | None = None) -> LineHold:
-    axes = torch.eye(3) if axes_from_map is None else axes_from_map
-    return LineHold(edges, axes[None], torch.tensor([strength]), CONFIG)
-
-
-def test_steps_lead_to_where_edges_run_along_the_axes() -> None:
-    axes_from_map = rotation_from_vector(torch.tensor([0.0, 0.0, 0.3]))
-    map_from_rig = axes_from_map.T @ AXES_FROM_RIG
-    hold = hold_of(edges_along(AXES_FROM_RIG), axes_from_map=axes_from_map)
-    rotation = (map_from_rig @ rotation_from_vector(torch.tensor([0.02, -0.03, 0.02])))[None]
-    for _ in range(12):
-        hessian, gradient = hold.equations(rotation)
-        rotation = rotation @ rotation_from_vector(-torch.linalg.solve(hessian, gradient))
-    assert float(rotation_angle(rotation, map_from_rig)) < math.radians(0.3)
-
-
-def test_the_gradient_leads_away_from_the_turn_that_fits() -> None:
-    hold = hold_of(edges_along(AXES_FROM_RIG, noise_deg=0.0))
-    for turn in (torch.tensor([0.004, -0.006, 0.005]), torch.tensor([0.0, 0.02, 0.0])):
-        turned = torch.stack((AXES_FROM_RIG, AXES_FROM_RIG @ rotation_from_vector(turn)))
-        still, away = (LineHold.joined([hold, hold])).equations(turned)[1]
-        assert float(away @ turn) > 0.7 * float(away.norm() * turn.norm())
-        assert float(still.norm()) < 0.3 * float(away.norm())
-
-
-def test_no_strength_is_no_hold_and_the_hold_of_several_poses_is_each_ones_own() -> None:
-    edges = edges_along(AXES_FROM_RIG)
-    both = LineHold.joined([hold_of(edges, 0.0), hold_of(edges, 2.0)])
-    rotations = (AXES_FROM_RIG @ rotation_from_vector(torch.tensor([0.02, 0.0, 0.0])))[None].expand(2, 3, 3)
-    hessian, gradient = both.equations(rotations)
-    assert float(hessian[0].abs().max()) == float(gradient[0].abs().max()) == 0.0
-    alone, slope = both.take(torch.tensor([1])).equations(rotations[1:])
-    torch.testing.assert_close(alone[0], hessian[1], rtol=1e-4, atol=1e-2)
-    torch.testing.assert_close(slope[0], gradient[1], rtol=1e-4, atol=1e-2)

@@ -101,7 +101,7 @@ def test_each_point_has_the_colour_that_its_own_image_shows_of_it(count: int) ->
 @pytest.mark.parametrize("log_focal", [None, 0.08, -0.05])
 def test_derivatives_are_those_of_finite_differences(count: int, log_focal: float | None) -> None:
     place, images = points_in_view(count)
-    log = None if log_focal is None else torch.tensor(log_focal)
+    log = None if log_focal is None else torch.tensor([log_focal])
     given = images if count > 1 else None
     seen, inside = level_of(count).sample_points(place, given, ROTATION[None], POSITION[None], log)
     found = torch.einsum("kcdn,kpdn->kpcn", seen.derivatives, seen.directions)[0]
@@ -125,7 +125,7 @@ def test_a_focal_length_that_is_not_longer_changes_nothing_else() -> None:
     place, images = points_in_view(3)
     pose = ROTATION[None], POSITION[None]
     same = level_of(3).sample_points(place, images, *pose)[0]
-    none = level_of(3).sample_points(place, images, *pose, torch.zeros(()))[0]
+    none = level_of(3).sample_points(place, images, *pose, torch.zeros(1))[0]
     torch.testing.assert_close(none.planes, same.planes)
     torch.testing.assert_close(none.directions[:, :6], same.directions)
 
@@ -142,16 +142,21 @@ def test_points_behind_an_image_and_beside_it_are_not_inside() -> None:
 
 
 @SEVERAL
-def test_each_of_several_candidates_is_sampled_at_its_own_pose(count: int) -> None:
+@pytest.mark.parametrize("focals", [None, torch.tensor([0.1, -0.05])], ids=["known", "unknown"])
+def test_each_of_several_candidates_is_sampled_at_its_own_pose_and_focal_length(
+    count: int, focals: torch.Tensor | None
+) -> None:
     place, images = points_in_view(count)
     level = level_of(count)
     rotations = torch.stack((ROTATION, ROTATION @ rotation_from_vector(torch.tensor([0.03, -0.02, 0.05]))))
     positions = torch.stack((POSITION, POSITION + torch.tensor([0.05, 0.0, -0.04])))
     given = images if count > 1 else None
     twice = None if given is None else given.expand(2, -1)
-    both, inside = level.sample_points(place.expand(2, -1, -1), twice, rotations, positions)
+    both, inside = level.sample_points(place.expand(2, -1, -1), twice, rotations, positions, focals)
     for k in range(2):
-        alone, valid = level.sample_points(place, given, rotations[k : k + 1], positions[k : k + 1])
+        one = slice(k, k + 1)
+        log = None if focals is None else focals[one]
+        alone, valid = level.sample_points(place, given, rotations[one], positions[one], log)
         torch.testing.assert_close(both.planes[k], alone.planes[0], atol=1e-4, rtol=1e-4)
         torch.testing.assert_close(both.directions[k], alone.directions[0], atol=1e-4, rtol=1e-4)
         assert torch.equal(inside[k], valid[0])

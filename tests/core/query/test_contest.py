@@ -13,11 +13,15 @@ from panoloc.core.config import JudgeConfig, LocalizerConfig
 from panoloc.core.decide.accuracy import NO_NOISE
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.query.contest import Contest
+from panoloc.core.query.focal_lengths import FocalPrior
 from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.stage_clock import StageClock
 from tests.core.image.painted_photos import UPRIGHT, photo_of, session_of
 
 PHOTO = Rig.of_photo(photo_of(UPRIGHT))
+UNSURE = Rig.of_photo(replace(PHOTO.photos[0], focal_uncertainty=0.02))
+# Of what a pose shows: two metres away, half of it.
+DEPTH, WEIGHTS = torch.tensor([[[1.0, 2.0, 3.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 0, 0, 0]])
 SMALLER = 0.5  # what is judged on the largest rendering has half the score
 
 
@@ -27,9 +31,9 @@ def _comparisons_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("panoloc.core.query.contest.likeness", lambda *given: 0.0)
 
 
-def placed(x: float, score: float) -> Hypothesis:
+def placed(x: float, score: float, log_focal: float = 0.0) -> Hypothesis:
     """Return a hypothesis `x` metres along an axis."""
-    return Hypothesis(0, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score)
+    return Hypothesis(0, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score, log_focal=log_focal)
 
 
 class Refinement:
@@ -56,10 +60,6 @@ class Refinement:
         assert points.of_score == hypothesis.score / SMALLER
         return replace(hypothesis, measures=hypothesis.measures | {"halves_apart_m": 0.01, "halves_apart_deg": 0.1})
 
-    def focal_pull(self, query: Any, hypothesis: Hypothesis, points: Any) -> float:
-        assert points.of_score == hypothesis.score / SMALLER
-        return hypothesis.score
-
     def _moved(self, hypothesis: Hypothesis) -> Hypothesis:
         x = round(float(hypothesis.position[0]), 3)
         return replace(hypothesis, position=torch.tensor([self.moves[x], 0, 0])) if x in self.moves else hypothesis
@@ -69,6 +69,7 @@ def contest_of(
     allows: Callable[[Hypothesis], bool] = lambda hypothesis: True,
     moves: dict[float, float] | None = None,
     rig: Rig = PHOTO,
+    others: Callable[[float], list[Hypothesis]] = lambda log_focal: [],
     **judge: int,
 ) -> tuple[Contest, dict[str, list[Hypothesis]]]:
     """Return a contest in one map, whose judge halves scores at the end; and what each stage of refinement has seen."""
@@ -81,7 +82,8 @@ def contest_of(
         judge_alone=judge_alone,
         allows=allows,
         limits=PoseLimits(),
-        rig=SimpleNamespace(finer=1, share=1.0),
+        rig=SimpleNamespace(finer=1, share=1.0, prior=FocalPrior(-0.1, 0.8, is_stated=True)),
+        with_other_focal_lengths=lambda best, comparison: others(best.log_focal),
         index=SimpleNamespace(surface_thickness_m=0.007),
     )
     config = replace(LocalizerConfig(), judge=JudgeConfig(**judge))  # type: ignore[arg-type]
@@ -140,10 +142,8 @@ def test_what_limits_do_not_allow_is_no_answer_however_well_it_fits() -> None:
     contest.add([placed(6.0, 1.0)])
     assert contest.hypotheses == seen["fine"] == []
     assert contest.comparison is None
-    assert contest.focal_pull() == 0.0
     contest.add([placed(0.0, 0.9)])
     assert found_by(contest)[0] == (0.0, 0.45)
-    assert contest.focal_pull() == 0.45
 
 
 def test_aliases_of_the_best_go_as_far_as_it_where_they_fit_half_as_well() -> None:
@@ -155,6 +155,58 @@ def test_aliases_of_the_best_go_as_far_as_it_where_they_fit_half_as_well() -> No
     assert all(h is not unlike for h in seen["medium"])
     marked = {round(float(h.position[0])): h.is_alias for h in contest.hypotheses}
     assert marked == {0: False, 3: False, 6: True}
+
+
+# Other focal lengths.
+
+POWER = LocalizerConfig().focal.power
+
+
+def test_a_pose_with_another_focal_length_that_fits_less_well_is_a_rival_as_probable_as_its_score_says() -> None:
+    contest, seen = contest_of(others=lambda log_focal: [placed(1.0, 0.96, 0.3), placed(2.0, 0.5, 0.6)])
+    contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
+    contest.add_focal_lengths()
+    assert found_by(contest) == [(0.0, 0.5), (3.0, 0.45)]
+    assert contest.hypotheses[0].measures["focal_odds"] == pytest.approx(0.96**POWER)
+    assert [h.log_focal for h in seen["fine"]] == [0.0, 0.0, 0.3]  # of the others the best alone
+
+
+def test_at_the_same_place_another_focal_length_is_no_rival() -> None:
+    contest, _ = contest_of(others=lambda log_focal: [placed(0.1, 0.96, 0.3)])
+    contest.add([placed(0.0, 1.0)])
+    contest.add_focal_lengths()
+    assert contest.hypotheses[0].measures["focal_odds"] == 0.0
+
+
+def test_the_focal_length_that_fits_best_wins_also_where_it_is_come_to_by_way_of_another() -> None:
+    ways = {0.0: [placed(1.0, 1.1, 0.3)], 0.3: [placed(2.0, 1.2, 0.6)], 0.6: [placed(2.5, 1.15, 0.5)]}
+    contest, _ = contest_of(others=lambda log_focal: ways[log_focal])
+    contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
+    contest.add_focal_lengths()
+    assert found_by(contest)[:2] == [(2.0, 0.6), (0.0, 0.5)]
+    best = contest.hypotheses[0]
+    assert best.log_focal == 0.6
+    assert cast(Any, contest.comparison).of.log_focal == 0.6
+    assert {"halves_apart_m", "thickness_m"} <= set(best.measures)
+    odds = sum((score / 1.2) ** POWER for score in (1.0, 1.1, 1.15))
+    assert best.measures["focal_odds"] == pytest.approx(odds)
+
+
+def test_what_limits_do_not_allow_is_no_focal_length_either() -> None:
+    contest, _ = contest_of(allows=lambda h: float(h.position[0]) < 1, others=lambda log_focal: [placed(1.5, 1.2, 0.3)])
+    contest.add_focal_lengths()
+    assert contest.hypotheses == []
+    contest.add([placed(0.0, 1.0)])
+    contest.add_focal_lengths()
+    assert (contest.hypotheses[0].log_focal, contest.hypotheses[0].measures["focal_odds"]) == (0.0, 0.0)
+
+
+def test_a_focal_length_that_is_known_has_no_rivals() -> None:
+    contest, _ = contest_of(others=lambda log_focal: [placed(1.0, 1.2, 0.3)])
+    cast(Any, contest.queries[0]).rig.prior = None
+    contest.add([placed(0.0, 1.0)])
+    contest.add_focal_lengths()
+    assert contest.hypotheses[0].log_focal == 0.0
 
 
 # Signs and noise of the best.
@@ -170,15 +222,23 @@ def test_of_the_best_alone_the_halves_are_measured_and_the_scan_that_it_is_in() 
 
 def test_the_noise_of_a_photo_is_the_share_of_its_focal_length_times_the_distance_to_what_it_shows() -> None:
     assert contest_of()[0].noise == NO_NOISE
-    unsure = Rig.of_photo(replace(PHOTO.photos[0], focal_uncertainty=0.02))
-    contest, _ = contest_of(rig=unsure)
+    contest, _ = contest_of(rig=UNSURE)
     assert contest.noise == NO_NOISE  # of no pose
-    depth, weights = torch.tensor([[[1.0, 2.0, 3.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 0, 0, 0]])
-    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=depth), weights=weights))
+    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=DEPTH), weights=WEIGHTS))
     assert contest.noise.position_m == pytest.approx(0.02 * 2.0)
     assert contest.noise.orientation_deg == 0.0
-    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=depth), weights=0 * weights))
+    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=DEPTH), weights=0 * WEIGHTS))
     assert contest.noise == NO_NOISE
+
+
+@pytest.mark.parametrize(("information", "share"), [(1.0, 0.05), (25.0, 0.01), (0.0, 1.0)])
+def test_a_focal_length_that_was_found_is_as_uncertain_as_the_images_leave_it(information: float, share: float) -> None:
+    found = replace(placed(1.0, 1.2, 0.3), information=information)
+    contest, _ = contest_of(rig=UNSURE, others=lambda log_focal: [found] if not log_focal else [])
+    contest.add([placed(0.0, 1.0)])
+    contest.add_focal_lengths()
+    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=DEPTH), weights=WEIGHTS))
+    assert contest.noise.position_m == pytest.approx(share * 2.0)
 
 
 def test_the_noise_of_several_images_is_that_of_their_tracking() -> None:

@@ -3,21 +3,18 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
-import torch
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery, prepare_queries
-from panoloc.core.query.rounds import aliases_of_pose, propose, propose_near, rounds_of
+from panoloc.core.query.rounds import aliases_of_pose, propose, rounds_of
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, OTHER_BOX, POSE, SYMMETRIC, TWIN, map_of, tensors_of
 from tests.core.image.painted_photos import UPRIGHT, photo_of
-from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.painted_box import PaintedBox
 from tests.core.search.found_candidates import CONFIG, query
 
 pytestmark = pytest.mark.slow
@@ -67,18 +64,6 @@ def test_the_best_are_looked_at_first_with_some_far_from_the_very_best() -> None
     far = [h for h in first if not h.is_near(first[0], SEARCH.elsewhere)]
     assert SEARCH.first_elsewhere <= len(far)
     assert SEARCH.first_portion <= len(first) <= SEARCH.first_portion + SEARCH.first_elsewhere
-
-
-def test_near_a_guess_the_right_pose_is_proposed_and_nothing_far_from_the_guess() -> None:
-    guess = Pose(rotation_of(112.0), np.array([2.2, 2.1, 1.5]))
-    rotation, position = (each[0] for each in tensors_of(guess))
-    found = propose_near(query("one photo"), Hypothesis(0, 0, rotation, position), SEARCH)
-    assert 4 < len(found) <= SEARCH.near_candidates
-    assert any(pose_error(pose_of(h), POSE).within(0.6, 12.0) for h in found[:3])
-    starts = map_of(BOX).starts[[h.start for h in found]]
-    assert float((starts - position).norm(dim=1).max()) <= SEARCH.near_m + SEARCH.margin_m + 1e-5
-    angles = rotation_angle(torch.stack([h.rotation for h in found]), rotation)
-    assert float(angles.max()) <= math.radians(SEARCH.near_deg)
 
 
 # Aliases.

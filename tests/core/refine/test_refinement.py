@@ -8,8 +8,8 @@ import torch
 
 from panoloc.core.config import RefinementConfig, StepConfig
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector, uniform_rotations
+from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.refinement import CandidatePoints, Refined, refine
-from panoloc.core.refine.sphere_squares import patch_numbers
 from panoloc.core.refine.step import patch_equations
 from panoloc.core.search.pose_limits import PoseLimits
 from tests.core.refine import painted_scene

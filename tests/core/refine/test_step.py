@@ -1,4 +1,5 @@
-"""Steps patch by patch: what is minimized, how far they go, light and votes of patches, halves refined apart, and sums over patches."""
+"""Steps patch by patch: what is minimized, how far they go, light and votes of patches, focal lengths, halves refined apart, and sums
+over patches."""
 
 from dataclasses import replace
 
@@ -9,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from panoloc.core.config import HalvesConfig, LineConfig, RefinementConfig, StepConfig
-from panoloc.core.features.line_hold import LineHold
-from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
+from panoloc.core.config import CONTRAST, JudgeConfig, RefinementConfig, StepConfig
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.image.level import Level
 from panoloc.core.refine.halves import halves_apart
-from panoloc.core.refine.patch_sums import PatchSums
-from panoloc.core.refine.refinement import CandidatePoints, refine
+from panoloc.core.refine.patches import PatchSums
+from panoloc.core.refine.refinement import CandidatePoints, Refined, refine
 from panoloc.core.refine.step import PoseStep, StepHistory, patch_equations, pose_step
-from tests.core.features.made_edges import edges_along
 from tests.core.other_device import DEVICE, OtherDevice
-from tests.core.refine.painted_scene import POSITION, ROTATION, scene
+from tests.core.painted_box import PaintedBox
+from tests.core.refine.painted_scene import CAMERA, POSITION, ROTATION, level_of, scene
 
 PLAIN = RefinementConfig().step
 CPU = torch.device("cpu")
@@ -26,6 +27,7 @@ LEVEL, POINTS = scene()
 PATCHES = POINTS.patches
 RULES = replace(PLAIN, robust_scale=2.0)
 NEAR = ((0.01, -0.02, 0.015), (0.04, 0.03, -0.02))
+FREE = (-1.0, 1.0)  # bounds of the logarithm of the focal length
 
 
 def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) -> tuple[Tensor, Tensor]:
@@ -39,8 +41,13 @@ def step_at(
     history: StepHistory | None = None,
 ) -> PoseStep:
     """Take a step, the first one where there is no history; that is not lengthened."""
-    begun = history or StepHistory.initial(1, rules, CPU)
-    return pose_step(LEVEL, points.planes(), *pose, begun, rules, relaxed=history is not None)
+    begun = history or StepHistory.initial(1, 6, rules, CPU)
+    return pose_step(LEVEL, points.planes(), *pose, None, begun, rules, relaxed=history is not None)
+
+
+def level_as(factor: float) -> Level:
+    """Return the photo as one of a camera whose focal length is the true one over a factor."""
+    return level_of(PaintedBox(seed=3), replace(CAMERA, fx_px=CAMERA.fx_px / factor, fy_px=CAMERA.fy_px / factor))[0]
 
 
 def off_by(found: tuple[Tensor, Tensor]) -> float:
@@ -54,47 +61,48 @@ def test_at_the_true_pose_nothing_is_left_to_explain() -> None:
     assert float(step.history.step.norm()) < 1e-3
 
 
-def test_the_slope_is_that_of_the_contrast_that_is_not_explained() -> None:
-    pose = moved(*NEAR)
-    step = step_at(pose)
-    turn, move = step.history.step[:, :3], step.history.step[:, 3:]
-    small = 0.02
+@pytest.mark.parametrize("unknown", range(7))
+def test_the_gradient_is_that_of_the_contrast_that_is_not_explained(unknown: int) -> None:
+    pose, focal = moved(*NEAR), torch.tensor([0.03])
+    found = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN, focal, with_focal=True)
+    small = torch.zeros(7).index_fill(0, torch.tensor([unknown]), 0.001)
 
-    def loss_along(share: float) -> float:
-        there = pose[0] @ rotation_from_vector(share * turn), pose[1] + (pose[0] @ (share * move)[..., None])[..., 0]
-        return float(step_at(there).equations.loss)
+    def loss_at(change: Tensor) -> float:
+        there = pose[0] @ rotation_from_vector(change[:3]), pose[1] + pose[0][0] @ change[3:6]
+        return float(patch_equations(LEVEL, POINTS.planes(), *there, PLAIN, focal + change[6]).loss)
 
-    rise = (loss_along(small) - loss_along(-small)) / (2 * small)
-    assert rise < 0
+    rise = (loss_at(small) - loss_at(-small)) / 0.002
     # Derivatives of a picture are over two of its pixels, which makes them smaller where it is sharp.
-    assert float(step.history.slope / step.equations.mass) == pytest.approx(rise, rel=0.2)
+    assert abs(rise) > 0.05
+    assert float(found.gradient[0, unknown] / found.mass) == pytest.approx(rise, rel=0.25)
 
 
-def test_equations_are_those_in_which_each_patch_has_offsets_and_a_gain_as_further_unknowns() -> None:
-    pose = moved(*NEAR)
-    found = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN)
-    seen, inside = LEVEL.sample_points(POINTS.planes().positions, None, *pose)
+@pytest.mark.parametrize("unknowns", [6, 7])
+def test_equations_are_those_in_which_each_patch_has_offsets_and_a_gain_as_further_unknowns(unknowns: int) -> None:
+    pose, focal = moved(*NEAR), torch.tensor([0.02])
+    found = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN, focal, with_focal=unknowns == 7)
+    seen, inside = LEVEL.sample_points(POINTS.planes().positions, None, *pose, focal)
     weights, colors = (POINTS.weights * inside)[0].double().numpy(), POINTS.colors[0].T.double().numpy()
-    by_pose = torch.einsum("cdn,udn->ucn", seen.derivatives[0].double(), seen.directions[0].double()).numpy()
-    hessian, gradient, loss = np.zeros((6, 6)), np.zeros(6), 0.0
+    by_pose = torch.einsum("cdn,udn->ucn", seen.derivatives[0].double(), seen.directions[0, :unknowns].double()).numpy()
+    hessian, gradient, loss = np.zeros((unknowns, unknowns)), np.zeros(unknowns), 0.0
     for patch in range(int(PATCHES.max()) + 1):
         members = np.flatnonzero((PATCHES.numpy() == patch) & (weights > 0))
         if not len(members):
             continue
         sides = seen.color[0].double().numpy()[:, members], colors[:, members]
         shown, scanned = (side - side.mean(1, keepdims=True) for side in sides)
-        power_shown, power_scanned = ((side**2).sum(0).mean() + PLAIN.min_variance for side in (shown, scanned))
+        power_shown, power_scanned = ((side**2).sum(0).mean() + CONTRAST.noise for side in (shown, scanned))
         common = (shown * scanned).sum(0).mean()
         unexplained, gain = np.sqrt(1 - common**2 / (power_shown * power_scanned)), common / power_shown
         loss += len(members) * unexplained / weights.sum()
         if len(members) <= 5:
             continue  # so few have no vote
         offsets = np.repeat(np.eye(3)[..., None], len(members), 2)
-        rows = np.concatenate((gain * by_pose[:, :, members], offsets, shown[None])).reshape(10, -1)
+        rows = np.concatenate((gain * by_pose[:, :, members], offsets, shown[None])).reshape(unknowns + 4, -1)
         left = (gain * shown - scanned).reshape(-1)
         # What the light of the patch would undo is projected out of the rows of the pose.
-        light = rows[6:]
-        free = rows[:6] - rows[:6] @ np.linalg.pinv(light) @ light
+        light = rows[unknowns:]
+        free = rows[:unknowns] - rows[:unknowns] @ np.linalg.pinv(light) @ light
         vote = 1 / (unexplained * power_scanned)
         hessian, gradient = hessian + vote * free @ free.T, gradient + vote * free @ left
     np.testing.assert_allclose(found.hessian[0].numpy(), hessian, rtol=2e-3, atol=1e-4 * np.abs(hessian).max())
@@ -112,8 +120,8 @@ def test_points_that_fit_less_lose_their_vote_by_the_square_of_how_much() -> Non
     inside = POINTS.weights[0].numpy() > 0
     left = residual[0].double().numpy()[inside]
     square = 3 * (left - left.mean()) ** 2
-    of_variance = square / (square.mean() + RULES.min_variance)
-    votes = (1 + of_variance / (2.0**2 * np.median(of_variance))) ** -2 / (square.mean() + RULES.min_variance)
+    of_variance = square / (square.mean() + CONTRAST.noise)
+    votes = (1 + of_variance / (2.0**2 * np.median(of_variance))) ** -2 / (square.mean() + CONTRAST.noise)
     assert float(found.scale) == pytest.approx(np.sqrt((votes * square).mean()), rel=2e-3)
     assert float(found.loss) == pytest.approx(1.0)
 
@@ -132,17 +140,23 @@ def test_a_step_solves_the_damped_equations_and_moves_in_the_rigs_frame() -> Non
     torch.testing.assert_close(step.positions[0], position[0] + rotation[0] @ step.history.step[0, 3:])
 
 
-def test_no_step_goes_further_than_the_rules_allow() -> None:
-    pose = moved((0.05, -0.08, 0.05), (0.2, 0.1, -0.1))
+@pytest.mark.parametrize("unknowns", [6, 7])
+@pytest.mark.parametrize(("turn", "move", "factor"), [(0.2, 0.0, 1.0), (0.0, 0.3, 1.0), (0.0, 0.0, 1.4)])
+def test_a_step_that_goes_too_far_is_shortened_as_a_whole(
+    turn: float, move: float, factor: float, unknowns: int
+) -> None:
+    pose, level = moved((turn, 0.0, turn), (0.0, move, 0.0)), level_as(factor)
+    begun, bounds = StepHistory.initial(1, unknowns, PLAIN, CPU), FREE if unknowns == 7 else None
 
-    def bounded(turn: float, move: float) -> Tensor:
-        return step_at(pose, rules=replace(PLAIN, max_turn_rad=turn, max_move_m=move)).history.step[0]
+    def bounded(most_m: float) -> Tensor:
+        rules = replace(PLAIN, max_step_m=most_m)
+        return pose_step(level, POINTS.planes(), *pose, torch.zeros(1), begun, rules, False, bounds).history.step[0]
 
-    free, bound = bounded(9.0, 9.0), bounded(0.01, 0.02)
-    for part, limit in ((slice(0, 3), 0.01), (slice(3, 6), 0.02)):
-        assert float(free[part].norm()) > 1.5 * limit
-        torch.testing.assert_close(bound[part], free[part] * limit / free[part].norm())
-    torch.testing.assert_close(bounded(8.0, 8.0), free)
+    free = bounded(99.0)
+    # In metres: a turn moves what is seen as far as one and a half times a move, a focal length as far as two.
+    length = max(1.5 * float(free[:3].norm()), float(free[3:6].norm()), 2.0 * float(free[6:].abs().sum()))
+    torch.testing.assert_close(bounded(1.01 * length), free)
+    torch.testing.assert_close(bounded(length / 3), free / 3)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +173,7 @@ def test_no_step_goes_further_than_the_rules_allow() -> None:
 def test_steps_are_lengthened_by_what_the_last_one_fell_short(
     slope_before: float, slope_after: float, length: float
 ) -> None:
-    rules, pose = replace(PLAIN, max_relaxation=5.0, max_turn_rad=9.0, max_move_m=9.0), moved(*NEAR)
+    rules, pose = replace(PLAIN, max_relaxation=5.0, max_step_m=99.0), moved(*NEAR)
     gradient = patch_equations(LEVEL, POINTS.planes(), *pose, rules).gradient
     last = slope_after * gradient / gradient.square().sum()
     history = StepHistory(last, torch.tensor([slope_before]), torch.tensor([1.5]))
@@ -169,7 +183,7 @@ def test_steps_are_lengthened_by_what_the_last_one_fell_short(
     )
 
 
-# Light, what changed, and lines.
+# Light, and what changed.
 
 
 def test_each_patch_may_have_a_light_of_its_own() -> None:
@@ -197,17 +211,6 @@ def test_what_moved_in_most_of_a_photo_drags_a_photo_of_one_light_along_but_not_
     assert off_by((as_a_whole.rotations, as_a_whole.positions)) > 0.06
 
 
-def test_lines_turn_a_pose_that_colors_leave_free() -> None:
-    plain = replace(POINTS, colors=torch.full_like(POINTS.colors, 0.5))
-    turned = moved((0.03, -0.02, 0.03), (0.0, 0.0, 0.0))
-    free = refine(LEVEL, plain, *turned, 10, PLAIN)
-    edges = edges_along(ROTATION[0])  # of a map whose walls are along its axes
-    hold = LineHold(edges, torch.eye(3)[None], torch.ones(1), LineConfig())
-    held = refine(LEVEL, replace(plain, lines=hold), *turned, 10, PLAIN)
-    assert float(rotation_angle(free.rotations, ROTATION)) > np.radians(2.0)
-    assert float(rotation_angle(held.rotations, ROTATION)) < np.radians(0.4)
-
-
 def test_without_points_in_view_a_pose_stays_where_it_is() -> None:
     nothing = replace(POINTS, weights=torch.zeros_like(POINTS.weights))
     found = refine(LEVEL, nothing, ROTATION, POSITION, 4, RULES)
@@ -215,14 +218,86 @@ def test_without_points_in_view_a_pose_stays_where_it_is() -> None:
     assert torch.isfinite(found.hessian).all()
 
 
+# Focal lengths that are not known: the photo, taken for one of another camera.
+
+
+def with_focal(
+    factor: float,
+    bounds: tuple[float, float] | None,
+    points: CandidatePoints = POINTS,
+    iterations: int = 20,
+    log_focal: float = 0.0,
+) -> Refined:
+    """Refine from beside the true pose and the focal length that a camera seems to have."""
+    begun = moved((0.0, 0.0, 0.0), (0.15, 0.05, 0.0))
+    log = torch.tensor([log_focal])
+    return refine(level_as(factor), points, *begun, iterations, PLAIN, log_focals=log, focal_bounds=bounds)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.0, 1.3])
+def test_a_wrong_focal_length_is_mended_with_the_pose_that_it_led_to(factor: float) -> None:
+    found = with_focal(factor, FREE)
+    assert float(found.log_focals.exp()) == pytest.approx(factor, rel=0.01)
+    assert off_by((found.rotations, found.positions)) < 0.03
+
+
+def test_it_is_mended_although_most_of_the_room_has_changed_and_less_is_known_of_it_then() -> None:
+    is_changed = (PATCHES % 5 > 1)[None, :, None]
+    changed = replace(POINTS, colors=torch.where(is_changed, scene(seed=8)[1].colors, POINTS.colors))
+    found = with_focal(1.15, FREE, changed)
+    assert float(found.log_focals.exp()) == pytest.approx(1.15, rel=0.03)
+    assert 0 < float(found.information) < float(with_focal(1.15, FREE).information)
+
+
+def test_of_a_plain_wall_nothing_is_known() -> None:
+    plain = replace(POINTS, colors=torch.full_like(POINTS.colors, 0.5))
+    found = with_focal(1.0, FREE, plain, 4)
+    assert float(found.information) == pytest.approx(0.0, abs=1e-3)
+    assert torch.isfinite(found.positions).all()
+
+
+def test_the_information_is_the_curvature_of_the_loss_where_the_pose_follows() -> None:
+    focal = torch.zeros(1)
+    found = refine(LEVEL, POINTS, ROTATION, POSITION, 1, PLAIN, log_focals=focal, focal_bounds=FREE)
+    equations = patch_equations(LEVEL, POINTS.planes(), ROTATION, POSITION, PLAIN, focal, with_focal=True)
+    # The variance that is left of the last unknown where all are free.
+    variance = np.linalg.inv(equations.hessian[0].double().numpy())[6, 6]
+    assert float(found.information) == pytest.approx(1 / (variance * float(equations.mass)), rel=0.02)
+
+
+@pytest.mark.parametrize(("bounds", "reached"), [((-0.05, 0.1), 0.1), ((-0.3, -0.05), -0.05), ((0.0, 0.0), 0.0)])
+@pytest.mark.parametrize("iterations", [1, 3, 20])
+def test_no_step_leads_beyond_the_bounds_of_the_focal_length(
+    bounds: tuple[float, float], reached: float, iterations: int
+) -> None:
+    found = with_focal(1.3, bounds, iterations=iterations)
+    assert bounds[0] - 1e-6 <= float(found.log_focals) <= bounds[1] + 1e-6
+    if iterations == 20:  # and the pose is the one that fits best with it
+        assert float(found.log_focals) == pytest.approx(reached)
+        known = with_focal(1.3, None, log_focal=reached)
+        torch.testing.assert_close(found.positions, known.positions, atol=0.005, rtol=0)
+
+
+def test_a_focal_length_that_is_known_stays_and_is_that_of_the_pose() -> None:
+    wrong, factor = level_as(1.3), torch.tensor([1.3])
+    begun = moved((0.01, 0.0, 0.0), (0.1, 0.05, 0.0))
+    known = refine(wrong, POINTS, *begun, 20, PLAIN, log_focals=factor.log())
+    as_given = refine(wrong, POINTS, *begun, 20, PLAIN)
+    torch.testing.assert_close(known.log_focals, factor.log())
+    assert float(known.information) == 0.0
+    assert off_by((known.rotations, known.positions)) < 0.02 < 0.1 < off_by((as_given.rotations, as_given.positions))
+
+
 # Halves meet where the picture was taken, whatever has changed, and nowhere else.
 
 COLORS_ELSEWHERE = scene(seed=8)[1].colors
 
 
-def apart(points: CandidatePoints) -> tuple[float, float]:
+def apart(points: CandidatePoints, level: Level = LEVEL, log_focals: Tensor | None = None) -> tuple[float, float]:
     """Return metres and degrees."""
-    found = halves_apart(LEVEL, points, ROTATION[0], POSITION[0], PLAIN, HalvesConfig())
+    rules = RefinementConfig()
+    some, square_deg = points.thinned(rules.halves_every), JudgeConfig().patch_deg / 2
+    found = halves_apart(level, some, ROTATION[0], POSITION[0], log_focals, square_deg, rules)
     return float(found[0]), float(torch.rad2deg(found[1]))
 
 
@@ -230,6 +305,11 @@ def test_they_meet_at_the_true_pose() -> None:
     distance, angle = apart(POINTS)
     assert distance < 0.003
     assert angle < 0.1
+
+
+def test_they_meet_there_with_the_focal_length_of_the_pose_and_with_no_other() -> None:
+    assert apart(POINTS, level_as(1.3), torch.tensor([1.3]).log())[0] < 0.01
+    assert apart(POINTS, level_as(1.3), None)[0] > 0.02
 
 
 def test_they_part_where_another_place_was_scanned() -> None:

@@ -7,8 +7,8 @@ import torch
 
 from panoloc.core.config import PoseDistance, RefinementConfig, StoppingRule
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
+from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
-from panoloc.core.refine.sphere_squares import patch_numbers
 from panoloc.core.refine.step import PoseStep, StepHistory, pose_step
 from tests.core.found_pose import known
 from tests.core.refine.painted_scene import level_of_sphere, painted, painted_sphere
@@ -20,6 +20,7 @@ DIRECTIONS = even_directions(COUNT)[ORDER]
 # Turns (rad) and moves (m) off the true pose: two that meet, one that is nearly there, one far off.
 TURNS = torch.tensor([[0.05, -0.02, 0.03], [-0.04, 0.05, 0.0], [0.001, 0.0, 0.0], [1.3, -0.9, 1.9]])
 MOVES = torch.tensor([[0.1, 0.05, 0.0], [-0.1, 0.0, 0.08], [0.001, 0.0, -0.001], [0.5, 0.6, -0.4]])
+FOCALS, BOUNDS = torch.tensor([0.02, -0.03, 0.01, 0.0]), (-0.05, 0.05)  # logarithms
 
 
 LEVEL = level_of_sphere(painted_sphere(HEIGHT))
@@ -39,18 +40,21 @@ def candidates() -> tuple[CandidatePoints, torch.Tensor, torch.Tensor]:
 class Alone:
     """One candidate, step by step."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, bounds: tuple[float, float] | None) -> None:
         points, rotations, positions = candidates()
         one = slice(number, number + 1)
         self.number, self.points = number, points.take(torch.tensor([number])).planes()
         self.rotation, self.position = rotations[one], positions[one]
-        self.history = StepHistory.initial(1, CONFIG, torch.device("cpu"))
+        self.bounds, self.focal = bounds, None if bounds is None else FOCALS[one]
+        self.history = StepHistory.initial(1, 6 if bounds is None else 7, CONFIG, torch.device("cpu"))
         self.num_steps = 0
         self.last: PoseStep | None = None
 
     def step(self, relaxed: bool) -> None:
-        self.last = pose_step(LEVEL, self.points, self.rotation, self.position, self.history, CONFIG, relaxed)
-        self.rotation, self.position, self.history = self.last.rotations, self.last.positions, self.last.history
+        pose = self.rotation, self.position, self.focal
+        self.last = pose_step(LEVEL, self.points, *pose, self.history, CONFIG, relaxed, self.bounds)
+        self.rotation, self.position, self.focal = self.last.rotations, self.last.positions, self.last.log_focals
+        self.history = self.last.history
         self.num_steps += 1
 
     @property
@@ -58,10 +62,12 @@ class Alone:
         return float(known(self.last).equations.loss)
 
 
-def one_by_one(iterations: int, stop: StoppingRule, groups: list[int] | None) -> list[Alone]:
+def one_by_one(
+    iterations: int, stop: StoppingRule, groups: list[int] | None, bounds: tuple[float, float] | None = None
+) -> list[Alone]:
     """Refine all candidates as the rule says: after every `interval` steps the worse of two near ones goes, then those rest that
     hardly moved."""
-    left = [Alone(number) for number in range(4)]
+    left = [Alone(number, bounds) for number in range(4)]
     resting: list[Alone] = []
     for done in range(1, iterations + 1):
         for each in left:
@@ -98,7 +104,9 @@ def assert_same(found: Refined, expected: list[Alone]) -> None:
         torch.testing.assert_close(found.positions[k], each.position[0], atol=1e-3, rtol=0)
         torch.testing.assert_close(found.loss[k], equations.loss[0], atol=1e-4, rtol=1e-2)
         torch.testing.assert_close(found.scale[k], equations.scale[0], atol=1e-4, rtol=1e-2)
-        torch.testing.assert_close(found.hessian[k], equations.hessian[0], atol=0.5, rtol=1e-2)
+        torch.testing.assert_close(found.hessian[k], equations.hessian[0, :6, :6], atol=0.5, rtol=1e-2)
+        focal = 0.0 if each.focal is None else float(each.focal)
+        assert float(found.log_focals[k]) == pytest.approx(focal, abs=1e-3)
 
 
 STOPS = {
@@ -123,11 +131,13 @@ def test_candidates_stop_and_merge_as_if_each_went_alone(name: str, groups: list
     assert_same(found, one_by_one(8, STOPS[name], groups))
 
 
+@pytest.mark.parametrize("bounds", [None, BOUNDS], ids=["poses", "focal lengths as well"])
 @pytest.mark.parametrize("iterations", [1, 4, 5])
-def test_without_a_rule_all_steps_are_taken(iterations: int) -> None:
+def test_without_a_rule_all_steps_are_taken(iterations: int, bounds: tuple[float, float] | None) -> None:
     points, rotations, positions = candidates()
-    found = refine(LEVEL, points, rotations, positions, iterations, CONFIG)
-    assert_same(found, one_by_one(iterations, StoppingRule(0.0, 0.0, interval=99), None))
+    focals = None if bounds is None else FOCALS
+    found = refine(LEVEL, points, rotations, positions, iterations, CONFIG, log_focals=focals, focal_bounds=bounds)
+    assert_same(found, one_by_one(iterations, StoppingRule(0.0, 0.0, interval=99), None, bounds))
 
 
 def test_no_step_leaves_the_poses_as_they_are() -> None:

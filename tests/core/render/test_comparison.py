@@ -45,6 +45,17 @@ def test_at_the_true_pose_scan_and_photos_show_the_same_in_spite_of_parallax() -
     assert correlation(compared(Rig(tuple(images)))) < 0.85
 
 
+def test_with_the_focal_length_of_the_pose_photos_of_another_camera_show_what_they_did() -> None:
+    wrong, log = SESSION.with_focal_factor(1 / 1.3), torch.tensor([1.3]).log()
+    at = map_of(BOX).render_cloud, *tensors_of(RIG), HEIGHT
+    assert correlation(view_of(wrong).compare(*at)) < 0.7
+    assert correlation(view_of(wrong).compare(*at, log_focals=log)) > 0.95
+    twice = at[1].expand(2, 3, 3), at[2].expand(2, 3), HEIGHT
+    both = view_of(wrong).compare(at[0], *twice, log_focals=torch.cat((log, 0 * log)))
+    agreed = agreement(both, JudgeConfig(), 1.0, 11.25).correlation
+    assert float(agreed[0]) > 0.95 > 0.7 > float(agreed[1])
+
+
 def test_a_panorama_is_compared_in_every_direction() -> None:
     found = compared(rig_of(panorama()), POSE)
     assert found.views.window.is_whole

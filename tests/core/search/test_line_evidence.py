@@ -13,7 +13,7 @@ from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.hypotheses import Hypothesis
-from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector, rotation_spacing
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.rounds import rounds_of
@@ -57,7 +57,7 @@ def test_few_rotations_are_left_and_the_right_one_is_among_them(hints: Hints | N
     likely = evidence_of(query).likely_rotations(every, first.limits[0], CONFIG.search)
     assert len(likely) < 200
     assert nearest_deg(likely, ROTATION) < 4.0
-    assert bool(first.limits[0].allows_rotation(likely, math.radians(CONFIG.search.line_margin_deg)).all())
+    assert bool(first.limits[0].allows_rotation(likely, rotation_spacing(len(every)) / 2).all())
 
 
 def test_the_score_falls_with_what_a_rotation_misses() -> None:

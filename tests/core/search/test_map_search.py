@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from panoloc.core.geometry.rotations import rotation_angle, uniform_rotations
+from panoloc.core.geometry.rotations import rotation_from_vector, rotation_spacing, uniform_rotations
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery, prepare_queries
 from panoloc.core.search.candidates import MapCandidates
@@ -19,6 +19,7 @@ from tests.core.search.found_candidates import CONFIG, RIGS, TWO_PHOTOS, poses_o
 
 pytestmark = pytest.mark.slow
 SEARCH = CONFIG.search
+NARROW_MARGIN = rotation_spacing(SEARCH.narrow_rotations) / 2  # rad, and less of the denser set
 
 
 def searched(query: MapQuery, limits: PoseLimits | None = None) -> MapCandidates:
@@ -62,21 +63,23 @@ def test_the_first_pass_keeps_the_starts_that_it_likes_best_over_all_maps(kept_s
 
 def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:
     # Of the few rotations of the first pass the hints leave none, of the many some.
-    margin_deg = SEARCH.wide_margin_deg
+    margin = rotation_spacing(3) / 2
     tilt = math.acos(float(uniform_rotations(3)[:, 2, 2].max()))
-    level = PoseLimits(max_tilt=tilt - math.radians(margin_deg) - 0.01)
+    level = PoseLimits(max_tilt=tilt - margin - 0.01)
     config = replace(CONFIG, search=replace(SEARCH, first_rotations=3, kept_starts=2, kept_share=0.0))
     search = query_of(RIGS["panorama"][0], config=config).search
     assert search.first_scores(level).isinf().all()
     (found,) = search_maps([search], [level], False, config.search)
-    allowed = level.allows_rotation(uniform_rotations(SEARCH.wide_rotations), math.radians(margin_deg))
+    allowed = level.allows_rotation(
+        uniform_rotations(SEARCH.wide_rotations), rotation_spacing(SEARCH.wide_rotations) / 2
+    )
     assert found.num_poses == map_of(BOX).num_starts * int(allowed.sum()) > 0
 
 
 def test_with_up_known_fewer_rotations_are_searched_and_only_level_ones() -> None:
     freely, upright = searched(query("two photos")), searched(query_of(session_of(TWO, up_known=True)))
     assert 0 < upright.num_poses < freely.num_poses / 10
-    most = math.radians(5.0 + SEARCH.narrow_margin_deg)
+    most = math.radians(5.0) + NARROW_MARGIN
     assert float(upright.candidates.rotations[:, 2, 2].min()) >= math.cos(most) - 1e-6
     assert known(rank_of(rig_pose(TWO_PHOTOS), poses_of(upright.candidates, map_of(BOX)))) < 10
 
@@ -91,7 +94,7 @@ def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle() -
     assert limits.allows_pose(torch.from_numpy(truth.rotation).float(), torch.from_numpy(truth.position).float())
     assert rank_of(truth, poses_of(found.candidates, map_of(BOX))) is not None
     assert 0 < found.num_starts < map_of(BOX).num_starts
-    margin = math.radians(SEARCH.narrow_margin_deg + 10.0) + 1e-4
+    margin = math.radians(10.0) + NARROW_MARGIN + 1e-4
     ahead = (found.candidates.rotations @ known(limits.first_rotation))[:, :, 0]
     off = torch.atan2(ahead[:, 1], ahead[:, 0]) - math.radians(yaw)
     assert float(torch.atan2(off.sin(), off.cos()).abs().max()) <= margin
@@ -100,18 +103,9 @@ def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle() -
 @pytest.mark.parametrize("name", ["panorama", "one photo"])
 def test_hints_that_leave_nothing_are_answered_with_nothing(name: str) -> None:
     far = PoseLimits(center=torch.tensor([99.0, 0.0, 0.0]), radius_m=1.0)
-    # No rotation is as level as that.
-    exact = replace(SEARCH, wide_margin_deg=0.0, narrow_margin_deg=0.0)
-    level, config = PoseLimits(max_tilt=0.0), replace(CONFIG, search=exact)
+    # A rig that stands upright, and its first camera as well, which lies on its side in it.
+    on_its_side = rotation_from_vector(torch.tensor([math.pi / 2, 0.0, 0.0]))
+    level = PoseLimits(max_tilt=0.1).of_rig(on_its_side, torch.zeros(3), 0.1)
     for limits, starts in ((far, 0), (level, map_of(BOX).num_starts)):
-        search = query_of(RIGS[name][0], config=config).search
-        (found,) = search_maps([search], [limits], False, exact)
+        found = searched(query(name), limits)
         assert (len(found.candidates), found.num_starts, found.num_poses) == (0, starts, 0)
-
-
-def test_around_a_rotation_no_other_is_proposed() -> None:
-    search, limits = query("one photo").search, query("one photo").limits
-    around = torch.from_numpy(RIGS["one photo"][1].rotation).float()
-    found = search.propose(limits, search.starts(limits), False, 24, SEARCH.near_distinct, around)
-    assert 4 < len(found.candidates) <= 24
-    assert float(rotation_angle(found.candidates.rotations, around).max()) <= math.radians(SEARCH.near_deg)

@@ -109,7 +109,10 @@ def test_a_hint_of_the_place_counts_however_far_beyond_the_scan(hints: Hints) ->
 def test_the_search_reaches_beyond_the_hints_by_its_margins() -> None:
     limits = PoseLimits(center=torch.zeros(3), radius_m=1.0, max_tilt=math.radians(10))
     assert limits.searched_starts(torch.tensor([[1.19, 0, 0], [1.21, 0, 0]]), 0.2).tolist() == [True, False]
-    assert limits.searched_rotations(torch.stack((turned(x=16.5), turned(x=17.5))), 7.0).tolist() == [True, False]
+    assert limits.allows_rotation(torch.stack((turned(x=16.5), turned(x=17.5))), math.radians(7.0)).tolist() == [
+        True,
+        False,
+    ]
 
 
 # Of a rig, whose first camera the hints are about.
@@ -133,7 +136,7 @@ def test_a_rig_whose_up_axis_is_known_stays_upright_however_its_first_camera_is_
     limits = PoseLimits().of_rig(turned(x=90.0), torch.zeros(3), math.radians(5))
     tilted = torch.stack([turned(z=77.0), turned(x=4.0), turned(x=6.0), turned(y=-6.0), turned(x=-90.0)])
     assert limits.allows_rotation(tilted).tolist() == [True, True, False, False, False]
-    assert limits.searched_rotations(tilted, 3.0).tolist() == [True, True, True, True, False]
+    assert limits.allows_rotation(tilted, math.radians(3.0)).tolist() == [True, True, True, True, False]
 
 
 def test_starts_are_searched_as_far_as_the_first_camera_may_be_from_the_middle() -> None:

@@ -20,7 +20,7 @@ from panoloc.core.image.label_codes import label_codes
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.search.described_rig import DescribedRig
 from panoloc.core.search.every_pose import scores_of_every_pose
-from panoloc.core.search.patch_scores import patch_scores_of
+from panoloc.core.search.map_search import patch_scores_of
 from panoloc.core.search.pixel_scores import pixel_scores
 from tests.core.built_maps import BOX, map_of
 from tests.core.image.painted_photos import FOUR, session_of

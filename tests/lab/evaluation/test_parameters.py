@@ -71,8 +71,8 @@ def test_numbers_are_halved_and_doubled_wherever_they_stand() -> None:
         found = PARAMETERS[name]
         return [None if each is None else getattr(each.config, section) for each in (found.half, found.double)]
 
-    near = SEARCH.near_m
-    assert [search.near_m for search in values("search.near_m", "search")] == [near / 2, near * 2]
+    near = SEARCH.reach_m
+    assert [search.reach_m for search in values("search.reach_m", "search")] == [near / 2, near * 2]
     distinct = SEARCH.distinct
     halved, doubled = values("search.distinct.angle_deg", "search")
     assert (halved.distinct.angle_deg, doubled.distinct.angle_deg) == (distinct.angle_deg / 2, distinct.angle_deg * 2)
@@ -105,15 +105,15 @@ def test_integers_stay_whole_and_above_nothing_and_shares_stay_shares() -> None:
 
 def test_the_paper_and_what_a_map_is_built_with_are_left_alone() -> None:
     assert {name.partition(".")[0] for name in PARAMETERS}.isdisjoint({"paper", "descriptors", "aliases"})
-    chosen = [each.name for each in parameters_like(FAST, ["judge.sure*", "search.near_m"])]
-    assert chosen == [name for name in PARAMETERS if name.startswith("judge.sure") or name == "search.near_m"]
+    chosen = [each.name for each in parameters_like(FAST, ["judge.sure*", "search.reach_m"])]
+    assert chosen == [name for name in PARAMETERS if name.startswith("judge.sure") or name == "search.reach_m"]
     with pytest.raises(OptionsError, match=r"only: expected a pattern of parameters such as judge\.\*, got nothing"):
         parameters_like(FAST, ["nothing"])
 
 
 def test_a_variant_names_fields_of_sections_within_sections() -> None:
-    variant = compared_method("x=fast:search.distinct.distance_m=2,search.near_m=3")
-    assert (variant.config.search.distinct.distance_m, variant.config.search.near_m) == (2.0, 3.0)
+    variant = compared_method("x=fast:search.distinct.distance_m=2,search.reach_m=3")
+    assert (variant.config.search.distinct.distance_m, variant.config.search.reach_m) == (2.0, 3.0)
 
 
 def test_outcomes_count_what_is_right_wrong_and_another_answer() -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image
+from panoloc.core.camera.rig import Photo
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.lab.rooms import (
     CAMERAS,
@@ -83,6 +84,17 @@ def test_cameras_are_held_as_level_as_their_recipe_says(
     held = np.abs([angles(pose)[1:] for poses in room_cases[name] for pose in poses])
     assert (held <= (pitch + 1e-6, roll + 1e-6)).all()
     assert (held.max(0) > (pitch / 3, roll / 3)).all()
+
+
+def test_a_zoom_is_in_the_photo_and_not_in_what_is_stated_of_its_camera() -> None:
+    camera = Camera("pinhole", 64, 48, 50.0, 50.0, 32.0, 24.0)
+    photo = Photo(np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), bool), camera)
+    for seed in range(20):
+        (stated,) = CAMERAS["photo_zoom"].alone(photo, np.random.default_rng(seed)).photos
+        assert 1.2 <= camera.fx_px / stated.camera.fx_px <= 2.0
+        assert stated.color is photo.color
+        assert stated.focal_uncertainty > 0
+    assert CAMERAS["photo"].alone(photo, np.random.default_rng(0)).photos == (photo,)
 
 
 @pytest.mark.parametrize(("name", "apart", "count"), [("frames2", 90, 2), ("frames4", 60, 4), ("frames6", 60, 6)])

@@ -1,0 +1,128 @@
+"""Focal lengths that are not known for certain: what is known of them before a pose is, and what poses say of them.
+
+A crop, a zoom, a video of a phone that shows less than its photos: a camera with another field of view than stated seems to stand in front
+of or behind its place, and all else fits nearly as well. So the best pose is also refined from where the camera would stand with other
+focal lengths, each unknown number seven of the refinement. These poses compete with the best one.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.rig import Rig
+from panoloc.core.config import FocalConfig
+from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.errors import OptionsError
+from panoloc.core.render.comparison import Comparison
+
+_AT_BOUND_DEG = 0.1
+_WHAT_TO_DO = (
+    "check fx_px, hfov_deg or the focal length in the EXIF data, and whether images were cropped or zoomed; "
+    "of a crop off the middle send cx_px and cy_px"
+)
+
+
+@dataclass(frozen=True)
+class FocalPrior:
+    """What is known of the focal lengths of a rig: bounds of their logarithm over those of its cameras; whether these are stated, and so
+    likelier than all others, or one guess among many."""
+
+    least: float
+    most: float
+    is_stated: bool
+
+    def tried(self, step: float) -> list[float]:
+        """Return the logarithms that poses are refined from."""
+        every = [k * step for k in range(math.ceil(self.least / step), math.floor(self.most / step) + 1)]
+        return [log for log in every if log] if self.is_stated else every
+
+
+def focal_prior(rig: Rig, config: FocalConfig) -> FocalPrior | None:
+    """Return what is known of the focal lengths of a rig; None where its cameras have none,
+    or their intrinsics were given.
+
+    Raises OptionsError where only bounds are known, of one of several photos.
+    """
+    photos = rig.photos
+    ranges = [photo.hfov_range_deg for photo in photos]
+    if len(ranges) > 1 and any(ranges):
+        raise OptionsError(
+            "hfov_range_deg: expected a single photo, got several; send hfov_deg or the intrinsics of each"
+        )
+    if not rig.has_focal_length:
+        return None
+    if ranges[0] is None and not any(photo.focal_uncertainty for photo in photos):
+        return None
+    if ranges[0] is None:
+        return FocalPrior(*config.bounds, is_stated=True)
+    least, most = (_log_factor(photos[0].camera, width) for width in reversed(ranges[0]))
+    return FocalPrior(least, most, is_stated=False)
+
+
+def guesses(rig: Rig, prior: FocalPrior, step: float) -> list[Rig]:
+    """Return the rig with focal lengths so close together that the search finds the right pose with one of them."""
+    if prior.is_stated:
+        return [rig]
+    count = max(1, math.ceil((prior.most - prior.least) / step))
+    logs = [prior.least + (prior.most - prior.least) * (k + 0.5) / count for k in range(count)]
+    return [rig.with_focal_factor(math.exp(log)) for log in logs]
+
+
+def with_other_focal_lengths(
+    best: Hypothesis, comparison: Comparison, prior: FocalPrior, axis: torch.Tensor, config: FocalConfig
+) -> list[Hypothesis]:
+    """Return where the camera of a pose would stand with other focal lengths: what it sees halfway deep keeps its size.
+
+    comparison: of that pose alone. axis: (3,), the middle of the first image in the axes of the rig.
+    """
+    seen = comparison.views.depth.flatten(1)[0][comparison.weights[0] > 0]
+    if not len(seen):
+        return []
+    ahead, own = best.rotation @ axis * seen.median(), best.log_focal or 0.0
+    return [
+        replace(best, position=best.position - ahead * (math.exp(log - own) - 1), log_focal=log)
+        for log in prior.tried(config.step)
+        if best.log_focal is None or abs(log - own) > config.step / 4
+    ]
+
+
+def focal_uncertainty(information: float, config: FocalConfig) -> float:
+    """Return the share that a focal length may be off by (68 %) of which images have so much information."""
+    return min(config.noise / math.sqrt(max(information, 1e-6)), 1.0)
+
+
+@dataclass(frozen=True)
+class FoundCameras:
+    """The rig with the cameras that its answer is for, and what a caller should know of them.
+
+    are_others: whether they are others than those given. bound_deg: the bound of the field of view, degrees, that a searched one has come
+    to; None where it is between both, or was not searched.
+    """
+
+    rig: Rig
+    are_others: bool = False
+    warnings: tuple[str, ...] = ()
+    bound_deg: float | None = None
+
+
+def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis]) -> FoundCameras:
+    """Return the cameras of the best of hypotheses. searched: the rig from whose focal lengths theirs are counted."""
+    log_focal = hypotheses[0].log_focal if hypotheses else None
+    rig = searched if log_focal is None else searched.with_focal_factor(math.exp(log_focal))
+    range_deg, found_deg = given.photos[0].hfov_range_deg, rig.photos[0].camera.hfov_deg
+    if range_deg is not None:
+        bound = next((bound for bound in range_deg if abs(found_deg - bound) < _AT_BOUND_DEG), None)
+        return FoundCameras(rig, True, bound_deg=bound)
+    if log_focal is None:
+        return FoundCameras(rig)
+    of = "an image" if len(given.images) == 1 else "images of which the first is"
+    widths = f"{found_deg:.1f} degrees wide, not {given.photos[0].camera.hfov_deg:.1f} as given"
+    return FoundCameras(rig, True, (f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}",))
+
+
+def _log_factor(camera: Camera, hfov_deg: float) -> float:
+    """Return the logarithm of the factor by which the focal length of a camera would be longer if it was so wide."""
+    return math.log(Camera.from_hfov("pinhole", camera.width_px, camera.height_px, hfov_deg).fx_px / camera.fx_px)

@@ -1,0 +1,260 @@
+"""Focal lengths that are not known for certain: what is known before the search, what is tried, and what is found."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.config import FocalConfig
+from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.query.focal_lengths import (
+    FocalPrior,
+    focal_prior,
+    found_cameras,
+    guesses,
+    with_other_focal_lengths,
+)
+from panoloc.core.query.prepared_rig import PreparedRig
+from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, SYMMETRIC, TWIN, localized, map_of, panorama, rig_of
+from tests.core.found_pose import assert_found, best_of, known
+from tests.core.image.painted_photos import photo_of
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.search.found_candidates import CONFIG
+
+FOCAL = FocalConfig()
+WIDTH_DEG = 84.0
+TAKEN = Camera.from_hfov("pinhole", 640, 480, WIDTH_DEG)
+ROUNDED = 0.006  # share of the focal length that is lost where degrees are whole
+
+
+def said_to_be(photo: Photo, hfov_deg: float, uncertainty: float = ROUNDED) -> Photo:
+    camera = Camera.from_hfov("pinhole", photo.camera.width_px, photo.camera.height_px, hfov_deg)
+    return replace(photo, camera=camera, focal_uncertainty=uncertainty)
+
+
+def zoomed(uncertainty: float = ROUNDED) -> Photo:
+    """Return a photo 84 degrees wide, said to be 100: by a focal length too short by a factor of 1.32."""
+    return said_to_be(photo_of(TAKEN), 100.0, uncertainty)
+
+
+def of_unknown_field_of_view(bounds_deg: tuple[float, float], box: PaintedBox = BOX) -> Photo:
+    """Return a photo 84 degrees wide, taken for one of 70."""
+    return replace(said_to_be(photo_of(TAKEN, POSE, box), 70.0, 0.0), hfov_range_deg=bounds_deg)
+
+
+def hypothesis(log_focal: float | None) -> Hypothesis:
+    return Hypothesis(0, 0, torch.eye(3), torch.zeros(3), log_focal=log_focal)
+
+
+def logs(found: Sequence[Hypothesis]) -> list[float]:
+    return [known(h.log_focal) for h in found]
+
+
+# What is known before the search.
+
+
+def test_what_is_known_are_bounds_or_a_statement_or_all_of_it() -> None:
+    def prior_of(photo: Photo) -> FocalPrior | None:
+        return focal_prior(Rig.of_photo(photo), FOCAL)
+
+    assert prior_of(zoomed(0.0)) is None
+    assert focal_prior(rig_of(panorama()), FOCAL) is None
+    assert prior_of(zoomed()) == FocalPrior(*FOCAL.bounds, is_stated=True)
+    bounds = known(prior_of(of_unknown_field_of_view((60.0, 90.0))))
+    # Half the width over the focal length is the tangent of half the angle.
+    assert not bounds.is_stated
+    for log, width_deg in ((bounds.least, 90.0), (bounds.most, 60.0)):
+        assert math.exp(log) == pytest.approx(math.tan(math.radians(35)) / math.tan(math.radians(width_deg / 2)))
+
+
+def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale() -> None:
+    image = RigImage(of_unknown_field_of_view((60.0, 100.0)), Pose(np.eye(3), np.zeros(3)))
+    with pytest.raises(OptionsError, match="hfov_range_deg: expected a single photo"):
+        focal_prior(Rig((image, image)), FOCAL)
+
+
+@pytest.mark.parametrize("bounds_deg", [(70.0, 71.0), (60.0, 90.0), (45.0, 100.0)])
+def test_no_focal_length_within_bounds_is_farther_from_a_guess_than_half_a_step(
+    bounds_deg: tuple[float, float],
+) -> None:
+    rig = Rig.of_photo(of_unknown_field_of_view(bounds_deg))
+    guessed = [each.photos[0].camera.fx_px for each in guesses(rig, known(focal_prior(rig, FOCAL)), FOCAL.step)]
+    for width_deg in np.linspace(*bounds_deg, 50):
+        focal_px = Camera.from_hfov("pinhole", 640, 480, width_deg).fx_px
+        assert min(abs(math.log(each / focal_px)) for each in guessed) <= FOCAL.step / 2 + 1e-6
+    stated = Rig.of_photo(zoomed())
+    assert guesses(stated, known(focal_prior(stated, FOCAL)), FOCAL.step) == [stated]
+
+
+# What is tried.
+
+
+def test_with_another_focal_length_the_camera_stands_where_what_is_halfway_deep_keeps_its_size() -> None:
+    depth, weights = torch.tensor([[[1.0, 2.0, 5.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 1e-9, 0, 0]])
+    comparison: Any = SimpleNamespace(views=SimpleNamespace(depth=depth), weights=weights)
+    ahead = torch.tensor([0.6, 0.8, 0.0])
+    found = with_other_focal_lengths(hypothesis(0.0), comparison, FocalPrior(-0.3, 0.8, False), ahead, FOCAL)
+    assert min(logs(found)) >= -0.3
+    assert max(logs(found)) <= 0.8
+    assert len(found) > 4
+    middle_m = 2.0  # torch takes the lower one of two
+    for h, log in zip(found, logs(found), strict=True):
+        behind_m = -float(h.position @ ahead)
+        torch.testing.assert_close(h.position, -behind_m * ahead)
+        assert math.exp(log) / (middle_m + behind_m) == pytest.approx(1 / middle_m, rel=1e-5)
+    comparison.weights = 0 * weights
+    assert with_other_focal_lengths(hypothesis(0.0), comparison, FocalPrior(-0.3, 0.8, False), ahead, FOCAL) == []
+
+
+def test_the_stated_focal_length_is_not_tried_again_and_one_that_is_no_likelier_than_others_is() -> None:
+    depth = torch.ones((1, 1, 1))
+    comparison: Any = SimpleNamespace(views=SimpleNamespace(depth=depth), weights=depth[0])
+    for is_stated in (True, False):
+        prior = FocalPrior(-0.4, 0.4, is_stated)
+        found = logs(with_other_focal_lengths(hypothesis(2 * FOCAL.step), comparison, prior, torch.ones(3), FOCAL))
+        assert any(abs(log) < 0.01 for log in found) is not is_stated
+        assert all(abs(log - 2 * FOCAL.step) > 0.01 for log in found)
+
+
+def test_scores_of_other_focal_lengths_than_stated_count_less_and_shares_are_those_of_their_pixels() -> None:
+    group, factors = [hypothesis(None), hypothesis(0.3), hypothesis(-0.1)], (1.0, math.exp(0.3), 1.0)
+    stated, bounds = (
+        PreparedRig(Rig.of_photo(each), None, torch.device("cpu"), CONFIG)
+        for each in (zoomed(), of_unknown_field_of_view((60.0, 100.0)))
+    )
+    assert stated.likelihoods(group).tolist() == pytest.approx([1.0, FOCAL.stated, FOCAL.stated])
+    assert bounds.likelihoods(group).tolist() == [1.0] * 3
+    camera = zoomed().camera
+    expected = [camera.solid_angle(factor) / (4 * math.pi) for factor in factors]
+    assert stated.shares(group).tolist() == pytest.approx(expected, rel=0.02)
+
+
+# What is found.
+
+
+def test_the_cameras_of_an_answer_are_those_of_its_best_pose() -> None:
+    stated = Rig.of_photo(zoomed())
+    assert found_cameras(stated, stated, []).rig is stated
+    as_given = found_cameras(stated, stated, [hypothesis(None), hypothesis(0.3)])
+    assert (as_given.rig, as_given.are_others, as_given.warnings) == (stated, False, ())
+    log = math.log(TAKEN.fx_px / stated.photos[0].camera.fx_px)
+    other = found_cameras(stated, stated, [hypothesis(log), hypothesis(0.0)])
+    assert other.are_others
+    assert other.rig.photos[0].camera.fx_px == pytest.approx(TAKEN.fx_px)
+    assert "84.0 degrees wide, not 100.0 as given" in other.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("range_deg", "bound_deg"), [((60.0, 84.05), 84.05), ((83.95, 90.0), 83.95), ((60.0, 90.0), None)]
+)
+def test_a_field_of_view_at_a_bound_is_told_and_one_between_needs_no_warning(
+    range_deg: tuple[float, float], bound_deg: float | None
+) -> None:
+    given = Rig.of_photo(of_unknown_field_of_view(range_deg))
+    searched = given.with_focal_factor(0.9)
+    log = math.log(TAKEN.fx_px / searched.photos[0].camera.fx_px)
+    found = found_cameras(given, searched, [hypothesis(log)])
+    assert (found.are_others, found.warnings, found.bound_deg) == (True, (), bound_deg)
+
+
+# Photos in a box.
+
+
+@pytest.mark.slow
+def test_a_photo_of_a_zoom_is_found_where_it_was_taken_and_the_answer_says_how_wide_it_is() -> None:
+    found = localized(zoomed())
+    assert found.status == "localized"
+    # Two and a half degrees more are a focal length 4 % shorter, and as much nearer to walls that are two metres away.
+    assert_found(found, POSE, 0.1)
+    (camera,) = found.found_cameras
+    assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
+    (words,) = found.warnings
+    assert "not 100.0 as given" in words
+    assert "hfov_deg" in words
+
+
+@pytest.mark.slow
+def test_nothing_but_intrinsics_that_were_given_is_tried() -> None:
+    found = localized(zoomed(0.0))
+    assert (found.found_cameras, found.warnings) == ((), ())
+    assert pose_error(best_of(found).pose, POSE).position_m > 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hfov_deg", [70.0, 84.0, 100.0])
+def test_one_that_is_as_wide_as_it_is_said_to_be_is_left_alone(hfov_deg: float) -> None:
+    found = localized(said_to_be(photo_of(Camera.from_hfov("pinhole", 640, 480, hfov_deg)), hfov_deg))
+    assert (found.found_cameras, found.warnings) == ((), ())
+    assert_found(found, POSE)
+
+
+@pytest.mark.slow
+def test_a_room_that_looks_the_same_from_two_sides_tells_it_as_well() -> None:
+    found = localized(said_to_be(photo_of(TAKEN, POSE, SYMMETRIC), 100.0), SYMMETRIC, top_k=2)
+    assert found.status == "ambiguous"
+    assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([WIDTH_DEG], abs=4.0)
+    best = best_of(found).pose
+    assert any(pose_error(best, side).within(0.15, 5.0) for side in (POSE, TWIN))
+
+
+@pytest.mark.slow
+def test_the_images_of_a_session_say_it_too() -> None:
+    camera = Camera.from_hfov("pinhole", 320, 240, 66.0)
+    turns = [Pose(rotation_of(90.0 * k), np.zeros(3)) for k in range(3)]
+    images = tuple(RigImage(said_to_be(photo_of(camera, POSE.after(turn)), 76.0), turn) for turn in turns)
+    found = localized(Rig(images))
+    assert found.status == "localized"
+    assert_found(found, POSE)
+    assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([66.0] * 3, abs=2.0)
+    assert any("images of which the first is 6" in words for words in found.warnings)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bounds_deg", [(70.0, 96.0), (80.0, 90.0)])
+def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(bounds_deg: tuple[float, float]) -> None:
+    found = localized(of_unknown_field_of_view(bounds_deg))
+    assert found.status == "localized"
+    (camera,) = found.found_cameras
+    assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
+    assert_found(found, POSE, 0.15, 3.0)
+    # What the focal length leaves open: some percent of the metres to the walls.
+    assert known(found.accuracy_position_m) > 0.04
+
+
+@pytest.mark.slow
+def test_the_boundaries_of_labels_tell_it_too() -> None:
+    found = localized(of_unknown_field_of_view((74.0, 92.0), LABELLED), map_of(LABELLED, AS_LABELS))
+    (camera,) = found.found_cameras
+    assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=4.0)
+    assert_found(found, POSE, 0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("bounds_deg", "bound"), [((70.0, 76.0), "76"), ((92.0, 100.0), "92")])
+def test_a_photo_that_is_beyond_its_bounds_is_not_localized_and_the_bound_is_named(
+    bounds_deg: tuple[float, float], bound: str
+) -> None:
+    found = localized(of_unknown_field_of_view(bounds_deg))
+    assert found.status == "not_localized"
+    assert any(f"{bound} degrees wide, a bound of hfov_range_deg" in words for words in found.warnings)
+
+
+@pytest.mark.slow
+def test_the_radius_tells_what_the_focal_length_leaves_open_and_anything_is_no_answer() -> None:
+    photo = photo_of(Camera.from_hfov("pinhole", 640, 480, 100.0))
+    sharp, blurred, unknown = (localized(replace(photo, focal_uncertainty=share)) for share in (0.0, 0.03, 0.3))
+    radii = known(sharp.accuracy_position_m), known(blurred.accuracy_position_m)
+    assert 0.5 < math.sqrt(radii[1] ** 2 - radii[0] ** 2) / 0.03 < 6  # metres to the walls of the box
+    assert unknown.status == "not_localized"
+    (words,) = unknown.warnings
+    assert "field of view" in words
+    assert "not known well enough" in words
