@@ -68,7 +68,10 @@ def test_two_hypotheses_are_near_when_both_place_and_orientation_are(
 
 def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() -> None:
     group = [
-        Hypothesis(2, k, torch.eye(3), torch.zeros(3), score=0.1 * k, iterations=k, color_model="x") for k in range(3)
+        Hypothesis(
+            2, k, torch.eye(3), torch.zeros(3), score=0.1 * k, iterations=k, color_model="x", log_focal=log_focal
+        )
+        for k, log_focal in enumerate((None, None, 0.0))
     ]
     refined = Refined(
         numbers=torch.tensor([0, 2]),
@@ -88,7 +91,8 @@ def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() 
         assert torch.equal(one.position, refined.positions[k])
         assert torch.equal(known(one.hessian), refined.hessian[k])
         assert (one.loss, one.residual_scale) == (float(refined.loss[k]), float(refined.scale[k]))
-        assert (one.log_focal, one.information) == (float(refined.log_focals[k]), float(refined.information[k]))
+        log_focal = None if before.log_focal is None else float(refined.log_focals[k])  # a known one stays known
+        assert (one.log_focal, one.information) == (log_focal, float(refined.information[k]))
         assert one.iterations == before.iterations + int(refined.steps[k])
         assert (one.map_number, one.score, one.color_model) == (2, before.score, "x")
 
