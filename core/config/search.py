@@ -27,7 +27,7 @@ class SearchConfig:
     most_patches: int = 64  # that are compared; six frames show 160, and so many of them rank as well
     # The poses that patches like best are scored again by pixels, all together so many.
     rescored_pixels: int = 1_000_000
-    few_rescored_pixels: int = 300_000  # of wide rigs, and where lines leave few rotations
+    few_rescored_pixels: int = 300_000  # of wide rigs, where lines leave few rotations, and of each translation grid
     histogram_weight: float = 0.04  # of the score by patches, added to that by pixels (docs/experiments.md)
     square_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
     min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
@@ -65,8 +65,8 @@ class FocalConfig:
     """Focal lengths that are not known for certain (see `panoloc.core.query.focal_lengths`). Steps and bounds: of the logarithm."""
 
     step: float = 0.15  # between those that poses are refined from; the search bears half of it
-    bounds: tuple[float, float] = (-0.1, 0.8)  # EXIF data do not mention zooms, of up to twice
+    bounds: tuple[float, float] = (-0.1, 0.8)  # EXIF data do not mention zooms, of up to 2.2
     stated: float = 0.95  # times the score of a pose for another focal length than the stated one
-    power: float = 25.0
+    power: float = 25.0  # of the ratio of their scores, that poses of two focal lengths are as probable as
     damping: float = 0.002  # more would hold pose and focal length in the valley that they share
     noise: float = 0.05  # of the logarithm, for images with unit information of it

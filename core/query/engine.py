@@ -41,8 +41,7 @@ class Engine:
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
             if aliases:
                 contest.add_aliases(aliases)
-        if contest.hypotheses:
-            contest.add_focal_lengths()
+        contest.add_focal_lengths()
         own = queries[contest.hypotheses[0].map_number] if contest.hypotheses else queries[0]
         return MethodResult(
             contest.hypotheses,
@@ -88,12 +87,12 @@ class Engine:
 
         return max(guesses(rig, prior, self.config.focal.step), key=score)
 
-    def _verdict(self, result: Contest | MethodResult) -> Verdict:
-        return verdict(result.hypotheses, self.confidence, self.config.judge, result.noise)
+    def _verdict(self, contest: Contest) -> Verdict:
+        return verdict(contest.hypotheses, self.confidence, self.config.judge, contest.noise)
 
-    def is_answer(self, result: Contest | MethodResult) -> bool:
+    def is_answer(self, contest: Contest) -> bool:
         """Return whether the best of hypotheses would be answered, alone or with its equals."""
-        return bool(result.hypotheses) and self._verdict(result).status != "not_localized"
+        return bool(contest.hypotheses) and self._verdict(contest).status != "not_localized"
 
     def is_sure(self, contest: Contest, is_last: bool = False) -> bool:
         """Return whether the best hypothesis leaves nothing to search for. is_last: no candidate of the search is left."""

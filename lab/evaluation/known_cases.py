@@ -29,7 +29,7 @@ class KnownQuery:
     poses: map_from_camera, of a session that of its first image, in the scan's own frame; more than one where a place exists twice and
     each is as right as the others. changed_pixels: (H, W) bool, shows what was not scanned; changed_points: (N,) bool by point of the
     cloud, no longer there; None where unknown. tags describe the query. hints: of the call.
-    lookalikes: map_from_camera at which another room looks most like this one, and is not.
+    aliases: map_from_camera at which another room looks most like this one, and is not.
     """
 
     query: Rig
@@ -38,7 +38,7 @@ class KnownQuery:
     changed_points: NDArray[np.bool_] | None = None
     tags: tuple[str, ...] = ()
     hints: Hints | None = None
-    lookalikes: tuple[Pose, ...] = ()
+    aliases: tuple[Pose, ...] = ()
 
     @cached_property
     def panorama(self) -> Panorama:
@@ -47,7 +47,7 @@ class KnownQuery:
 
     def place_of(self, found: Pose) -> str | None:
         """Return which of rooms that are alike a pose is in: "own" or "other", or "elsewhere"; None where there are none."""
-        others = (*self.poses[1:], *self.lookalikes)
+        others = (*self.poses[1:], *self.aliases)
         if not others:
             return None
         if pose_error(found, self.poses[0]).position_m <= WRONG[0]:

@@ -50,7 +50,7 @@ def suite_scans(
             case.changed_points,
             ("procedural", case.color_kind),
             case.hints,
-            case.lookalikes,
+            case.aliases,
         )
         # The paper's outdoor case: grid starts in a known cuboid (§4.2).
         options = IndexOptions("octree" if case.region is None else "grid", spacing_m, case.region, case.color_kind)

@@ -40,7 +40,7 @@ class Case:
     query: what was photographed. pose: map_from_camera of its first image, in the frame of the
     cloud. color_kind: "rgb" or "labels". changed_pixels: (H, W) bool, shows what was not scanned; None of photos. changed_points: (N,)
     bool, no longer there. region: corners (min, max) in metres that the camera is known to be in, None for no prior.
-    alternatives: other poses that show the same picture, in places that exist twice. lookalikes: poses at which other rooms look most
+    alternatives: other poses that show the same picture, in places that exist twice. aliases: poses at which other rooms look most
     like it, and are not. hints: of the call. image_poses: map_from_camera of every photo. missing_pixels: (H, W) bool, drawn over,
     whether the mask says so or not; None where nothing is. map_from_session: without the noise of the tracking.
     """
@@ -55,7 +55,7 @@ class Case:
     seed: int
     region: Region | None = None
     alternatives: tuple[Pose, ...] = ()
-    lookalikes: tuple[Pose, ...] = ()
+    aliases: tuple[Pose, ...] = ()
     hints: Hints | None = None
     image_poses: tuple[Pose, ...] = ()
     missing_pixels: NDArray[np.bool_] | None = None
@@ -130,7 +130,7 @@ def make_case(
         seed=seed,
         region=suite.region,
         alternatives=others if are_equal else (),
-        lookalikes=() if are_equal else others,
+        aliases=() if are_equal else others,
         hints=None if camera is None else camera.hints,
         image_poses=() if taken.map_from_session is None else taken.poses,
         map_from_session=taken.map_from_session,
@@ -228,7 +228,7 @@ def _in_survey_frame(case: Case, rng: np.random.Generator) -> Case:
         cloud=replace(case.cloud, positions=positions, origin_offset=offset),
         pose=moved(case.pose)[0],
         alternatives=moved(*case.alternatives),
-        lookalikes=moved(*case.lookalikes),
+        aliases=moved(*case.aliases),
         image_poses=moved(*case.image_poses),
         map_from_session=None if case.map_from_session is None else moved(case.map_from_session)[0],
     )

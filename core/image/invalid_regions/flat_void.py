@@ -49,6 +49,7 @@ def cells_of(color: NDArray[np.uint8], valid: Mask) -> Cells:
     height, width = (side // _CELL_PX * _CELL_PX for side in valid.shape)
 
     def over_cells(combine: np.ufunc, values: NDArray[np.uint8] | Mask) -> NDArray[np.int16]:
+        """Return values (H, W, ...) of pixels combined in each cell."""
         rows = reduce(combine, [values[i:height:_CELL_PX, :width] for i in range(_CELL_PX)])
         return np.asarray(reduce(combine, [rows[:, i::_CELL_PX] for i in range(_CELL_PX)]), np.int16)
 

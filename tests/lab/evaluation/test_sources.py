@@ -82,8 +82,8 @@ def test_a_folder_without_truth_and_a_broken_truth_are_refused(tmp_path: Path) -
 def test_a_query_tells_its_own_room_from_the_others() -> None:
     own, twin, alike = (Pose(np.eye(3), np.array([x, 0.0, 1.5])) for x in (0.0, 5.0, 10.0))
     nothing = Rig.of_panorama(Panorama(np.zeros((2, 4, 3), np.uint8), np.ones((2, 4), bool)))
-    query = KnownQuery(nothing, (own, twin), lookalikes=(alike,))
+    query = KnownQuery(nothing, (own, twin), aliases=(alike,))
     found = [Pose(np.eye(3), np.array([x, 0.1, 1.5])) for x in (0.0, 5.0, 10.0, 7.0)]
     assert [query.place_of(pose) for pose in found] == ["own", "other", "other", "elsewhere"]
     assert query.error_of(found[1]).position_m == pytest.approx(0.1)
-    assert replace(query, poses=(own,), lookalikes=()).place_of(own) is None
+    assert replace(query, poses=(own,), aliases=()).place_of(own) is None

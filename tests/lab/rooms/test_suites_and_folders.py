@@ -63,15 +63,15 @@ def test_every_suite_gives_complete_cases(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "change", "alternatives", "lookalikes"),
+    ("name", "change", "alternatives", "aliases"),
     # Rooms that changed since the scan are no longer as right as each other.
     [("repeated", 0.0, 2, 0), ("mirrored", 0.0, 0, 1), ("twins_like", 0.0, 0, 1), ("twins", 0.6, 0, 1)],
 )
 def test_cases_know_what_is_as_right_and_what_only_looks_so(
-    name: str, change: float, alternatives: int, lookalikes: int
+    name: str, change: float, alternatives: int, aliases: int
 ) -> None:
     case = made(name, 1, change=change)
-    assert (len(case.alternatives), len(case.lookalikes)) == (alternatives, lookalikes)
+    assert (len(case.alternatives), len(case.aliases)) == (alternatives, aliases)
 
 
 def test_an_unknown_suite_or_family_is_refused_at_once() -> None:
