@@ -113,7 +113,7 @@ class Localizer:
             )
             return Localization("not_localized", search, clock.timings_s, warnings=(warning,))
         with clock.stage("confidence"):
-            judged = verdict(result.hypotheses, self._confidence, self.config.judge, result.noise)
+            judged = verdict(result.hypotheses, self._confidence, result.noise)
             places, status = judged.places, judged.status
             together = list(zip(places, judged.confidences, strict=True))[: max(top_k, judged.num_equals)]
             candidates = [_candidate(place, confidence, maps) for place, confidence in together]
@@ -164,7 +164,9 @@ class Localizer:
             return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
 
         map_from_session = found.best.pose.after(rig_from_session)
-        agreements = agreement_by_photo(comparison, len(rig.images), self.config.judge)
+        agreements = agreement_by_photo(
+            comparison, len(rig.images), self.config.judge, self.config.descriptors.patch_deg
+        )
         images = [
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(rig.images, agreements, strict=True)

@@ -3,13 +3,13 @@
 Where no other source is named, a figure was chosen by measurement on cases with known poses (docs/experiments.md).
 """
 
+from panoloc.core.config.distances import DISTANCES, PoseDistance, PoseDistances
 from panoloc.core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
 from panoloc.core.config.index import AliasConfig, DescriptorConfig, IndexConfig, StartsConfig
 from panoloc.core.config.judge import ChangeConfig, JudgeConfig
 from panoloc.core.config.lines import LineConfig
 from panoloc.core.config.localizer import LocalizerConfig, PaperConfig
 from panoloc.core.config.refinement import (
-    COINCIDING,
     MediumRound,
     RefinementConfig,
     StepConfig,
@@ -17,13 +17,12 @@ from panoloc.core.config.refinement import (
 )
 from panoloc.core.config.search import (
     FocalConfig,
-    PoseDistance,
     SearchConfig,
 )
 
 __all__ = [
-    "COINCIDING",
     "CONTRAST",
+    "DISTANCES",
     "LIGHT_FIT",
     "RENDERING",
     "AliasConfig",
@@ -39,6 +38,7 @@ __all__ = [
     "MediumRound",
     "PaperConfig",
     "PoseDistance",
+    "PoseDistances",
     "RefinementConfig",
     "RenderingConfig",
     "SearchConfig",

@@ -3,8 +3,8 @@
 import hashlib
 from dataclasses import asdict, dataclass
 
+from panoloc.core.config.distances import PoseDistance
 from panoloc.core.config.imaging import CONTRAST, RENDERING
-from panoloc.core.config.search import PoseDistance
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,29 @@ class StartsConfig:
 class DescriptorConfig:
     """How views and images are described (see `panoloc.core.features.described_views`), the same for an index and the queries to it."""
 
-    patch_rows: int = 16  # and twice as many columns: patches of 11 degrees; the paper's 22 (§4) come of four together
-    view_height: int = 64  # four rows of pixels in a patch are enough for its histogram
+    view_height: int = 64  # rows of views from starts, and of coarse renderings
     bins: int = 8  # per channel, joint (paper, §4)
     size: int = 32  # numbers of a descriptor, of 1,024 bins; more gain none
     steps: int = 31  # up and down that a number of a descriptor is rounded to
     basis_views: int = 24  # that principal directions are taken from
-    picture_height: int = 32  # rows of the pictures that poses are scored again on
+
+    @property
+    def patch_rows(self) -> int:
+        """Return how many patches lie above each other: four rows of pixels are enough for a histogram.
+
+        Patches of 11 degrees; the paper's 22 (§4) come of four together.
+        """
+        return self.view_height // 4
+
+    @property
+    def patch_deg(self) -> float:
+        """Return how many degrees a patch is high, and wide at the horizon."""
+        return 180 / self.patch_rows
+
+    @property
+    def picture_height(self) -> int:
+        """Return the rows of the pictures that poses are scored again on."""
+        return self.view_height // 2
 
 
 @dataclass(frozen=True)

@@ -2,20 +2,14 @@
 
 from dataclasses import dataclass
 
-from panoloc.core.config.search import PoseDistance
-
 
 @dataclass(frozen=True)
 class JudgeConfig:
     """The scan rendered at a refined pose against the panorama, and which poses differ (see `panoloc.core.decide`)."""
 
-    rows: int = 64  # of the rendering of all candidates, those of little share at twice these once they are fewer
-    patch_deg: float = 22.5  # of rigs that cover little half of it
     # Of the score, where lines agree with a rotation no more than with any (see `panoloc.core.features.line_support`); of ones in between,
     # less.
     lines_share: float = 0.3
-    distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
-    place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
     # One of several images contradicts the pose of the others where its correlation and the share of its patches that agree are below
     # these, and its contrast is not (see `panoloc.core.decide.agreement`); and the share of images that may.
     contradiction: float = 0.45

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-from panoloc.core.config.search import PoseDistance
-
-COINCIDING = PoseDistance(0.1, 3.0)  # what candidates that are nearer have converged to is one pose
+from panoloc.core.config.distances import DISTANCES, PoseDistance
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class RefinementConfig:
     coarse_margin_deg: float = 35.0
     coarse_iterations: tuple[int, int] = (16, 12)
     coarse_step: StepConfig = StepConfig(damping=0.1, relaxation=1.0, max_step_m=0.3, robust_scale=2.0)
-    coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, COINCIDING)
+    coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, DISTANCES.same)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light, less where millimetres count.
     coarse_contrast: float = 0.8
     medium_contrast: float = 0.4

@@ -4,27 +4,17 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class PoseDistance:
-    """Two poses that are nearer to each other than both of these are one."""
-
-    distance_m: float
-    angle_deg: float
-
-
-@dataclass(frozen=True)
 class SearchConfig:
     """Rounds of search (see `panoloc.core.query.rounds`). What a round looks at follows from the share of the sphere that a rig covers."""
 
+    # With patches of 11 degrees, as far apart as these; a quarter of them with patches twice as large.
+    rotations: int = 9216
     # Rigs that cover at least this share are described by patches of 22 degrees, which tell them apart at a fiftieth of the cost; a first
-    # pass by patches twice as large discards most starts.
+    # pass by patches twice as large again discards most starts.
     wide_share: float = 0.6
-    first_rotations: int = 576
-    wide_rotations: int = 2304  # spacing about 18 degrees, within the basin of refinement
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
     kept_starts: int = 128  # never fewer
-    # Others by patches of 11 degrees.
-    narrow_rotations: int = 9216  # spacing about 11 degrees
-    most_patches: int = 64  # that are compared; six frames show 160, and so many of them rank as well
+    most_patches: int = 64  # of 11 degrees, that are compared; six frames show 160, and so many of them rank as well
     # The poses that patches like best are scored again by pixels, all together so many.
     rescored_pixels: int = 1_000_000
     few_rescored_pixels: int = 300_000  # of wide rigs, where lines leave few rotations, and of each translation grid
@@ -45,19 +35,24 @@ class SearchConfig:
     likely_histogram_weight: float = 0.08
     # The best of these are scored once more at places around their starts (see `panoloc.core.search.position_sweep`), and the first of them
     # on finer pictures at places around those; all places together have so many pixels.
-    swept_distinct: PoseDistance = PoseDistance(0.4, 10.0)
     sweep_places: int = 3  # on each side of the cube around a start
     swept_closer: int = 24
     # What a round proposes.
     num_candidates: int = 32
     pool: int = 2500  # poses that candidates are chosen from
-    distinct: PoseDistance = PoseDistance(0.6, 18.0)
     # So many are looked at first, with some that are far from the best of them.
     first_portion: int = 6
     first_elsewhere: int = 3
-    elsewhere: PoseDistance = PoseDistance(1.5, 30.0)
     # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
     reach_m: float = 0.75
+
+    def halvings(self, is_wide: bool) -> int:
+        """Return how often patches are pooled, two by two a side, that a rig is described by."""
+        return 1 if is_wide else 0
+
+    def rotations_with(self, halvings: int) -> int:
+        """Return how many rotations are searched with patches that were pooled so often."""
+        return self.rotations >> 2 * halvings
 
 
 @dataclass(frozen=True)

@@ -149,23 +149,28 @@ class PhotoAgreement:
         return not agrees and self.contrast >= config.telling_contrast
 
 
-def agreement_by_photo(comparison: Comparison | None, count: int, config: JudgeConfig) -> list[PhotoAgreement | None]:
-    """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view."""
+def agreement_by_photo(
+    comparison: Comparison | None, count: int, config: JudgeConfig, patch_deg: float
+) -> list[PhotoAgreement | None]:
+    """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view.
+
+    patch_deg: degrees that a patch is high and wide.
+    """
     if comparison is None:
         return [None] * count
     found = []
     for number in range(count):
         weights = comparison.weights * (comparison.image == number)
-        found.append(_agreement(comparison, weights, config) if float(weights.sum()) > 0 else None)
+        found.append(_agreement(comparison, weights, config, patch_deg) if float(weights.sum()) > 0 else None)
     return found
 
 
-def _agreement(comparison: Comparison, weights: Tensor, config: JudgeConfig) -> PhotoAgreement:
+def _agreement(comparison: Comparison, weights: Tensor, config: JudgeConfig, patch_deg: float) -> PhotoAgreement:
     """Measure one photo, whose pixels alone have weights (1, S)."""
     shares = weights / weights.sum()
     scan, photo, window = comparison.scan, comparison.seen, comparison.views.window
     sides = torch.cat((scan, photo, shares[..., None]), dim=-1)
-    patches = in_patches(sides, window, round(window.rows * config.patch_deg / 360))
+    patches = in_patches(sides, window, round(window.rows * patch_deg / 180))
     inside, mass = correlation_in_patches(patches, CONTRAST.noise)
     within = patches[..., 6:] / mass.clamp_min(1e-12)[..., None, None]
     colors = patches[..., 3:6]

@@ -6,7 +6,7 @@ One model decides: a pose is localized where it is probably right; ambiguous whe
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from panoloc.core.config import JudgeConfig
+from panoloc.core.config import DISTANCES, JudgeConfig
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.agreement import PhotoAgreement
 from panoloc.core.decide.confidence import ConfidenceModel
@@ -30,11 +30,9 @@ class Verdict:
     num_equals: int = 1
 
 
-def verdict(
-    hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig, noise: Accuracy = NO_NOISE
-) -> Verdict:
+def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, noise: Accuracy = NO_NOISE) -> Verdict:
     """Judge the places of hypotheses, at least one, the best first. noise: what adds to the errors of the pose itself."""
-    places = distinct(hypotheses, config.place)
+    places = distinct(hypotheses, DISTANCES.place)
     best, *rivals = places
     accuracy = model.accuracy(best, noise)
 

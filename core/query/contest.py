@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from panoloc.core.camera.rig import Rig
-from panoloc.core.config import COINCIDING, LocalizerConfig
+from panoloc.core.config import DISTANCES, LocalizerConfig
 from panoloc.core.decide.accuracy import RIGHT, Accuracy
 from panoloc.core.decide.agreement import likeness
 from panoloc.core.decide.hypotheses import (
@@ -27,8 +27,6 @@ from panoloc.core.query.refinement import Refinement
 from panoloc.core.refine.refinement import CandidatePoints
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.stage_clock import StageClock
-
-_MOST_FOCAL_ROUNDS = 8  # each has to fit better than the one before
 
 
 @dataclass
@@ -64,7 +62,7 @@ class Contest:
 
     def add(self, proposed: Sequence[Hypothesis]) -> None:
         """Take poses in, refine those that may win as far as it takes, and rank all anew."""
-        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], self.config.judge.distinct)
+        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], DISTANCES.same)
         self._rank()
 
     def add_aliases(self, aliases: Sequence[Hypothesis]) -> None:
@@ -80,7 +78,7 @@ class Contest:
             return
         best, comparison, losers = self.hypotheses[0], self.comparison, []
         query = self.queries[best.map_number]
-        for _ in range(_MOST_FOCAL_ROUNDS):
+        while True:  # each time the best fits better than before
             with self.clock.stage("refine"):
                 tried = self.refinement.medium(query.with_other_focal_lengths(best, comparison))
             with self.clock.stage("judge"):
@@ -124,17 +122,17 @@ class Contest:
         with self.clock.stage("refine"):
             refined = self.refinement.coarse(proposed)
         with self.clock.stage("judge"):
-            return self._judged(merged(refined, COINCIDING), is_first=True)
+            return self._judged(merged(refined, DISTANCES.same), is_first=True)
 
     def _rank(self) -> None:
         """Refine the best of the coarse stage on what they see, and the best of these fully; rank them, and then all others."""
-        sizes, place = self.config.refinement, self.config.judge.place
+        sizes, place = self.config.refinement, DISTANCES.place
         self._settle(within_margin(self._coarse, sizes.medium_candidates, sizes.margin, place))
         close = with_close_rival(self._medium, sizes.fine_candidates, sizes.margin, place)
         least = self.config.judge.alias_least * max((h.score for h in self._medium), default=0.0)
         close += [h for h in self._settled_aliases if h.score >= least and all(h is not other for other in close)]
         self._finish(close)
-        self.hypotheses = with_aliases(self.hypotheses, self._aliases, self.config.search.elsewhere)
+        self.hypotheses = with_aliases(self.hypotheses, self._aliases, DISTANCES.elsewhere)
 
     def _settle(self, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine those of the chosen that were not yet on what they see; return these, judged, by score."""
@@ -144,7 +142,7 @@ class Contest:
         with self.clock.stage("judge"):
             allowed = [h for h in self._judged(refined) if self.queries[h.map_number].allows(h)]
         self._before += new
-        self._medium = by_score([*self._medium, *allowed], self.config.judge.distinct)
+        self._medium = by_score([*self._medium, *allowed], DISTANCES.same)
         return [h for h in allowed if any(h is other for other in self._medium)]
 
     def _finish(self, chosen: Sequence[Hypothesis]) -> None:
@@ -154,7 +152,7 @@ class Contest:
         if not finals:
             self.hypotheses, self.comparison = others, None
             return
-        best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, self.config.judge.place
+        best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, DISTANCES.place
         with self.clock.stage("judge"):
             known = sum(not full.final.is_near(best, place) for full in finals)
             rivals, others = self._rivals(best, others, known)
@@ -200,8 +198,8 @@ class Contest:
         judged = []
         for number, group in by_map(hypotheses):
             query = self.queries[number]
-            judged += query.judge(group, self.config.judge.rows * (1 if is_first else query.rig.finer))
-        return by_score(judged, self.config.judge.distinct)
+            judged += query.judge(group, query.rig.rows // (query.rig.finer if is_first else 1))
+        return by_score(judged, DISTANCES.same)
 
     def _rivals(
         self, best: Hypothesis, others: Sequence[Hypothesis], known: int
@@ -212,7 +210,7 @@ class Contest:
         Where all others are at the best place, the best of the coarse poses that was elsewhere is the rival: how far it is behind says how
         sure the answer is, although it was not refined further.
         """
-        place, count = self.config.judge.place, max(0, self.config.judge.rivals - known)
+        place, count = DISTANCES.place, max(0, self.config.judge.rivals - known)
         elsewhere = distinct([h for h in others if not h.is_near(best, place)], place)
         if not elsewhere and known == 0:
             return [h for h in self._coarse if not h.is_near(best, place)][:1], list(others)
@@ -225,7 +223,7 @@ class Contest:
         """Return a hypothesis with how much what images would show there is like what they would show at the best; what is near the best
         looks like it in any case, which says nothing."""
         rig = self.queries[hypothesis.map_number].rig
-        if rig is not self.queries[best[0].map_number].rig or hypothesis.is_near(best[0], self.config.search.elsewhere):
+        if rig is not self.queries[best[0].map_number].rig or hypothesis.is_near(best[0], DISTANCES.elsewhere):
             return hypothesis
-        patch_deg = self.config.judge.patch_deg / rig.finer
-        return replace(hypothesis, likeness=likeness(comparison, best[1], self.config.judge, rig.share, patch_deg))
+        alike = likeness(comparison, best[1], self.config.judge, rig.share, rig.patch_deg)
+        return replace(hypothesis, likeness=alike)

@@ -49,7 +49,7 @@ class Engine:
             own.cloud if contest.hypotheses else None,
             num_starts,
             num_poses,
-            self.config.search.wide_rotations if own.rig.is_wide else self.config.search.narrow_rotations,
+            self.config.search.rotations_with(self.config.search.halvings(own.rig.is_wide)),
             None if own.rig.is_wide or own.rig.is_labels else own.rig.edges.length_deg,
             contest.noise,
             rig,
@@ -88,7 +88,7 @@ class Engine:
         return max(guesses(rig, prior, self.config.focal.step), key=score)
 
     def _verdict(self, contest: Contest) -> Verdict:
-        return verdict(contest.hypotheses, self.confidence, self.config.judge, contest.noise)
+        return verdict(contest.hypotheses, self.confidence, contest.noise)
 
     def is_answer(self, contest: Contest) -> bool:
         """Return whether the best of hypotheses would be answered, alone or with its equals."""

@@ -90,13 +90,13 @@ class MapQuery:
 
     def judge_alone(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Comparison]:
         """Return one hypothesis judged on the largest rendering, and the comparison."""
-        comparison = self.compare([hypothesis], self.rig.finer * 2 * self.config.judge.rows)
+        comparison = self.compare([hypothesis], 2 * self.rig.rows)
         return self._judged([hypothesis], comparison)[0], comparison
 
     def _judged(self, group: Sequence[Hypothesis], comparison: Comparison) -> list[Hypothesis]:
         """Return hypotheses of one focal length with the measures of a comparison, and how well lines agree with their rotations."""
         # Patches of the images, not of the scan: what a longer focal length spreads must not seem to be more alike.
-        patch_deg = self.config.judge.patch_deg / (self.rig.finer * math.exp(group[0].log_focal or 0.0))
+        patch_deg = self.rig.patch_deg / math.exp(group[0].log_focal or 0.0)
         agreeing = None if self.lines is None else 1 - self.lines.missed(stacked_poses(group)[0])
         measured = agreement(comparison, self.config.judge, self.rig.shares(group), patch_deg, agreeing)
         return with_agreement(group, replace(measured, score=measured.score * self.rig.likelihoods(group)))
@@ -105,7 +105,7 @@ class MapQuery:
         """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""
         sizes, rig = self.config.refinement, self.rig
         rows, views = self._views_from(sorted({h.start for h in group}))
-        look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, self.config.judge.patch_deg)
+        look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, 2 * self.config.descriptors.patch_deg)
         numbers = rig.numbers_of([rows[h.start] for h in group])
         return points_seen_from_starts(
             rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.coarse_contrast

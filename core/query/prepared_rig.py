@@ -68,6 +68,16 @@ class PreparedRig:
         return torch.tensor(less, device=self.pyramid.rotations.device)
 
     @property
+    def rows(self) -> int:
+        """Return the rows of the coarse renderings that poses are judged on."""
+        return self.finer * self.config.descriptors.view_height
+
+    @property
+    def patch_deg(self) -> float:
+        """Return how many degrees the patches are high and wide that poses are judged by: as many rows of any rendering."""
+        return 2 * self.config.descriptors.patch_deg / self.finer
+
+    @property
     def margin_deg(self) -> float:
         """Return how far around what the images show points are aligned while poses may turn."""
         return self.config.refinement.coarse_margin_deg * (1.0 if self.finer > 1 else 0.5)

@@ -41,13 +41,12 @@ class Refinement:
     def medium(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine on points that the poses themselves see, found anew in each round."""
         sizes, refined = self.config.refinement, []
-        rows = self.config.judge.rows
         for rig, group in by_colors(self.queries, hypotheses):
             for planned in sizes.medium_rounds:
                 parts = []
                 for number, part in by_map(group):
                     query = self.queries[number]
-                    comparison = query.compare(part, rig.finer * rows, with_points=True)
+                    comparison = query.compare(part, rig.rows, with_points=True)
                     parts.append(
                         query.points_from_poses(
                             part, comparison, sizes.medium_points, planned.patch_deg, sizes.medium_contrast
@@ -70,7 +69,7 @@ class Refinement:
             (2, sizes.finest_points, sizes.finest_iterations),
         ):
             points = query.points_from_poses(
-                [hypothesis], comparison, count, self.config.judge.patch_deg / 2, sizes.fine_contrast
+                [hypothesis], comparison, count, self.config.descriptors.patch_deg, sizes.fine_contrast
             )
             level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.fine_contrast)
             (hypothesis,) = self._refine(level, points, [hypothesis], iterations, sizes.step, sizes.fine_stop)
@@ -92,7 +91,7 @@ class Refinement:
         focals = query.rig.log_focals([hypothesis])
         some = points.thinned(sizes.halves_every)
         apart = halves_apart(
-            level, some, hypothesis.rotation, hypothesis.position, focals, self.config.judge.patch_deg / 2, sizes
+            level, some, hypothesis.rotation, hypothesis.position, focals, self.config.descriptors.patch_deg, sizes
         )
         distance, angle = apart.tolist()
         measures = {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)}

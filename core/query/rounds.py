@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from panoloc.core.config import SearchConfig
+from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.map.aliases import aliases_of
@@ -116,9 +116,9 @@ def _portions(candidates: Sequence[Hypothesis], config: SearchConfig) -> Iterato
     if not candidates:
         return
     best, rest = list(candidates[: config.first_portion]), candidates[config.first_portion :]
-    near = sum(h.is_near(best[0], config.elsewhere) for h in best)
+    near = sum(h.is_near(best[0], DISTANCES.elsewhere) for h in best)
     missing = max(0, config.first_elsewhere - (len(best) - near))
-    elsewhere = [h for h in rest if not h.is_near(best[0], config.elsewhere)][:missing]
+    elsewhere = [h for h in rest if not h.is_near(best[0], DISTANCES.elsewhere)][:missing]
     yield best + elsewhere
     if others := [h for h in rest if all(h is not other for other in elsewhere)]:
         yield others

@@ -13,7 +13,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PoseDistance, SearchConfig
+from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
@@ -44,7 +44,7 @@ class MapSearch:
 
     def first_scores(self, limits: PoseLimits) -> Tensor:
         """Return the score (T,) of each start that limits leave under its best rotation, by the largest patches."""
-        starts, rotations = self.starts(limits), self._rotations(self.config.first_rotations, limits)
+        starts, rotations = self.starts(limits), self._rotations(2, limits)
         if not len(starts) or not len(rotations):
             return torch.full((len(starts),), torch.inf, device=starts.device)
         patches = self.rig.patches(self.index.views.basis, 2)
@@ -56,20 +56,17 @@ class MapSearch:
         starts: Tensor,
         by_lines: bool,
         count: int,
-        near: PoseDistance,
     ) -> MapCandidates:
         """Return the best `count` poses at the starts (T,) within limits, none near one before it.
 
         by_lines: only of rotations that lines agree with, where they are asked.
         """
         if by_lines and self.lines is not None:
-            return self._by_lines(self.lines, limits, starts, count, near)
-        rotations = self._rotations(
-            self.config.wide_rotations if self.is_wide else self.config.narrow_rotations, limits
-        )
+            return self._by_lines(self.lines, limits, starts, count)
+        halvings = self.config.halvings(self.is_wide)
+        rotations = self._rotations(halvings, limits)
         if not len(starts) or not len(rotations):
             return self._nothing(starts)
-        halvings = 1 if self.is_wide else 0
         patches = self.rig.patches(self.index.views.basis, halvings)
         scores = patch_scores(patches, self.index.views.descriptors(halvings).take(starts), rotations)
         budget = self.config.few_rescored_pixels if self.is_wide else self.config.rescored_pixels
@@ -78,7 +75,7 @@ class MapSearch:
         start, rotation = best // len(rotations), best % len(rotations)
         by_patches = self.config.histogram_weight * scores.flatten()[best]
         found = self._rescored(self._views(starts), starts, rotations, start, rotation, by_patches)
-        found = found.ranked(found.scores, near, count, self.config.pool)
+        found = found.ranked(found.scores, DISTANCES.place, count, self.config.pool)
         return MapCandidates(found, len(starts), scores.numel())
 
     def _by_lines(
@@ -87,7 +84,6 @@ class MapSearch:
         limits: PoseLimits,
         starts: Tensor,
         count: int,
-        near: PoseDistance,
     ) -> MapCandidates:
         """Score the starts with the few rotations that lines leave, and the best at places around their starts as well."""
         config = self.config
@@ -105,8 +101,8 @@ class MapSearch:
         most = max(1, config.few_rescored_pixels // max(1, len(self.rig.pixels)))
         again = (scores.flatten()[best] + by_patches).topk(min(most, len(best))).indices
         found = self._rescored(views, starts, rotations, start[again], rotation[again], by_patches[again])
-        found = found.ranked(found.scores, config.swept_distinct, config.pool, config.pool)
-        return MapCandidates(swept(self.rig, self.index, found, near, count, config), len(starts), scores.numel())
+        found = found.ranked(found.scores, DISTANCES.place, config.pool, config.pool)
+        return MapCandidates(swept(self.rig, self.index, found, count, config), len(starts), scores.numel())
 
     def _rescored(
         self,
@@ -122,7 +118,8 @@ class MapSearch:
         numbers = starts[start]
         return Candidates(numbers, rotations[rotation], self.index.starts[numbers], scores + by_patches, by_patches)
 
-    def _rotations(self, count: int, limits: PoseLimits) -> Tensor:
+    def _rotations(self, halvings: int, limits: PoseLimits) -> Tensor:
+        count = self.config.rotations_with(halvings)
         every = rotations_of(count, str(self.index.starts.device))
         return every[limits.allows_rotation(every, rotation_spacing(count) / 2)]
 
@@ -153,7 +150,7 @@ def search_maps(
         least = torch.cat(scores).topk(kept).values[-1]
         starts = [some[score >= least] for some, score in zip(starts, scores, strict=True)]
     found = [
-        search.propose(limit, some, by_lines, config.num_candidates, config.distinct)
+        search.propose(limit, some, by_lines, config.num_candidates)
         for search, limit, some in zip(searches, limits, starts, strict=True)
     ]
     return [MapCandidates(part.candidates, count, part.num_poses) for part, count in zip(found, counts, strict=True)]

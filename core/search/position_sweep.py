@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PoseDistance, SearchConfig
+from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.render.synthetic_view import RENDER_BATCH, render_views
@@ -22,9 +22,7 @@ _PIXELS_AT_ONCE = 1_000_000
 _FAR_M, _NEAREST_M = 30.0, 0.1
 
 
-def swept(
-    rig: DescribedRig, index: MapIndex, found: Candidates, near: PoseDistance, count: int, config: SearchConfig
-) -> Candidates:
+def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, config: SearchConfig) -> Candidates:
     """Return candidates at the best of the places around their starts, best first, at most `count` and none near one before it.
 
     The first of them are then looked at on finer pictures, at places around those, which ranks them anew among each other.
@@ -35,7 +33,7 @@ def swept(
     if len(coarse) == 0:
         return found
     moved = _moved(rig.pixels, index, coarse, cube, config)
-    every = moved.ranked(moved.scores, near, count, len(moved))
+    every = moved.ranked(moved.scores, DISTANCES.place, count, len(moved))
     finer = cube_of_places(spacing / config.sweep_places, config.sweep_places, index.starts.device)
     most = max(1, config.few_rescored_pixels // (len(finer) * len(rig.finer_pixels)))
     first = every.first(min(most, config.swept_closer))

@@ -57,7 +57,7 @@ def time_query(
     return QueryCost(
         maps=len(maps),
         starts=sum(index.num_starts for index in maps),
-        rotations=localizer.config.search.wide_rotations,
+        rotations=localizer.config.search.rotations_with(1),
         points=sum(index.num_points for index in maps),
         pixels=width * width // 2,
         status=answer.status,

@@ -76,7 +76,7 @@ def function():
 def test_parameters_of_the_engine_are_told_from_those_of_the_paper_and_sizes_of_formats() -> None:
     found = parameter_counts.parameters()
     assert found.total == len(found.configuration) + len(found.constants) + len(found.invalid_regions)
-    assert "SearchConfig.wide_rotations" in found.configuration
+    assert "SearchConfig.wide_share" in found.configuration
     assert not any(name.startswith("PaperConfig.") for name in found.configuration)
     assert "PaperConfig.num_starts" in found.paper
     assert any(name.startswith("core/image/invalid_regions/") for name in found.invalid_regions)

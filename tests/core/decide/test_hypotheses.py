@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from panoloc.core.config import JudgeConfig, PoseDistance
+from panoloc.core.config import DISTANCES, PoseDistance
 from panoloc.core.decide.hypotheses import (
     Hypothesis,
     by_score,
@@ -18,8 +18,6 @@ from panoloc.core.decide.hypotheses import (
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.refine.refinement import Refined
 from tests.core.found_pose import known
-
-JUDGE = JudgeConfig()
 
 
 def placed(x: float, score: float = 0.0, loss: float = 0.0, map_number: int = 0) -> Hypothesis:
@@ -35,18 +33,18 @@ def test_of_candidates_that_met_the_one_of_smallest_loss_stays() -> None:
 
 def test_hopeless_candidates_go_but_the_best_one_elsewhere_stays() -> None:
     ranked = [placed(0.0, 1.4), placed(0.2, 1.3), placed(5.0, 0.6), placed(9.0, 0.5)]
-    assert [h.score for h in within_margin(ranked, 8, 0.35, JUDGE.place)] == [1.4, 1.3, 0.6]
+    assert [h.score for h in within_margin(ranked, 8, 0.35, DISTANCES.place)] == [1.4, 1.3, 0.6]
     close = [placed(0.0, 1.4), placed(5.0, 1.3), placed(9.0, 0.5)]
-    assert [h.score for h in within_margin(close, 8, 0.35, JUDGE.place)] == [1.4, 1.3]
+    assert [h.score for h in within_margin(close, 8, 0.35, DISTANCES.place)] == [1.4, 1.3]
     assert [h.score for h in within_margin(ranked, 8, 0.35)] == [1.4, 1.3]
-    assert within_margin([], 8, 0.35, JUDGE.place) == []
+    assert within_margin([], 8, 0.35, DISTANCES.place) == []
 
 
 def test_hypotheses_that_converged_to_one_pose_count_once() -> None:
     near = [Hypothesis(0, k, torch.eye(3), torch.tensor([0.01 * k, 0, 0]), score=0.5 + 0.1 * k) for k in range(4)]
     apart = Hypothesis(0, 9, torch.eye(3), torch.tensor([2.0, 0, 0]), score=0.1)
     elsewhere = Hypothesis(1, 0, torch.eye(3), torch.zeros(3), score=0.2)
-    kept = by_score([*near, apart, elsewhere], JUDGE.distinct)
+    kept = by_score([*near, apart, elsewhere], DISTANCES.same)
     assert [h.score for h in kept] == [near[3].score, 0.2, 0.1]
 
 
@@ -103,7 +101,7 @@ def test_as_many_are_kept_as_are_wanted_and_as_fit_into_the_margin() -> None:
     assert [h.score for h in within_margin(ranked, 6, 0.25)] == [1.0, 0.9, 0.8]
     # Those beyond the wanted number count as elsewhere, too.
     together = [placed(0.01 * k, 1.0 - 0.1 * k) for k in range(3)]
-    kept = within_margin([*together, placed(9.0, 0.1), placed(19.0, 0.05)], 2, 0.9, JUDGE.place)
+    kept = within_margin([*together, placed(9.0, 0.1), placed(19.0, 0.05)], 2, 0.9, DISTANCES.place)
     assert [h.score for h in kept] == [1.0, 0.9, 0.1]
 
 

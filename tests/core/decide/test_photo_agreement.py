@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.rig import Rig
-from panoloc.core.config import JudgeConfig
+from panoloc.core.config import DescriptorConfig, JudgeConfig
 from panoloc.core.decide.agreement import PhotoAgreement, agreement_by_photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.rig_pyramid import RigPyramid
@@ -16,6 +16,7 @@ from tests.core.image.painted_photos import TWO, rig_pose, session_of
 from tests.core.painted_box import rotation_of
 
 JUDGE = JudgeConfig()
+PATCH_DEG = DescriptorConfig().patch_deg
 SESSION = session_of(TWO)
 SECOND = SESSION.images[1]
 COLOR = SECOND.photo.color
@@ -29,7 +30,9 @@ def compared(rig: Rig) -> Comparison:
 def agreements(color: np.ndarray = COLOR, at: Pose = TWO[1]) -> tuple[PhotoAgreement, PhotoAgreement]:
     """Return those of the session whose second photo shows something, taken at some place in the session."""
     second = replace(SECOND, photo=replace(SECOND.photo, color=color), session_from_camera=at)
-    first, other = agreement_by_photo(compared(replace(SESSION, images=(SESSION.images[0], second))), 2, JUDGE)
+    first, other = agreement_by_photo(
+        compared(replace(SESSION, images=(SESSION.images[0], second))), 2, JUDGE, PATCH_DEG
+    )
     assert first is not None
     assert other is not None
     return first, other
@@ -82,5 +85,5 @@ def test_all_three_signs_have_to_speak_against_it(measured: PhotoAgreement, cont
 
 
 def test_nothing_is_told_of_a_photo_that_shows_nothing_of_the_scan() -> None:
-    assert agreement_by_photo(compared(SESSION), 3, JUDGE)[2] is None
-    assert agreement_by_photo(None, 2, JUDGE) == [None, None]
+    assert agreement_by_photo(compared(SESSION), 3, JUDGE, PATCH_DEG)[2] is None
+    assert agreement_by_photo(None, 2, JUDGE, PATCH_DEG) == [None, None]

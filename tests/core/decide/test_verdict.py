@@ -6,13 +6,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from panoloc.core.config import JudgeConfig
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.confidence import FEATURES, ConfidenceModel, RadiusModel
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.decide.verdict import Verdict, verdict
 
-CONFIG = JudgeConfig()
 # What agrees by 0.9 is sure to 4 alone, in logits, and to 0.847 at the threshold; what a rival takes of it depends on how near it comes
 # and on how much it looks like the best; an alias takes a share.
 WEIGHTS = {"agreement": 10.0, "margin": 8.0, "distinctness": 2.0}
@@ -28,7 +26,7 @@ def judged(x: float, score: float, fits: float = 0.9) -> Hypothesis:
 
 
 def judge(*hypotheses: Hypothesis, noise: Accuracy = NO_NOISE) -> Verdict:
-    return verdict(hypotheses, MODEL, CONFIG, noise)
+    return verdict(hypotheses, MODEL, noise)
 
 
 def test_a_place_that_fits_far_better_than_all_others_is_localized() -> None:

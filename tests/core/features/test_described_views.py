@@ -13,7 +13,7 @@ from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.features.patch_histograms import described_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
 
-CONFIG = DescriptorConfig(patch_rows=8, bins=4, size=6, picture_height=8, steps=31)
+CONFIG = DescriptorConfig(view_height=32, bins=4, size=6, steps=31)
 GRID, HEIGHT, WIDTH = PatchGrid(8, 16), 32, 64
 
 
@@ -104,8 +104,8 @@ def test_the_memory_of_views_is_that_of_what_they_hold_once_they_were_searched()
 def test_pictures_average_what_was_seen_and_leave_out_what_was_not() -> None:
     views = rendered(3, 1)
     found = collected([0, 1, 2])
-    half = views.valid.view(3, 8, 4, 16, 4).float()
-    color = (views.color * views.valid[..., None]).view(3, 8, 4, 16, 4, 3)
+    half = views.valid.view(3, 16, 2, 32, 2).float()
+    color = (views.color * views.valid[..., None]).view(3, 16, 2, 32, 2, 3)
     seen = half.mean((2, 4)) >= 0.5
     assert 0 < int(seen.sum()) < seen.numel()
     assert torch.equal(found.seen, seen)

@@ -21,7 +21,7 @@ from panoloc.core.render.synthetic_view import render_views
 from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
 
-DESCRIPTORS = DescriptorConfig(patch_rows=4, view_height=16, bins=4, size=6, basis_views=5, picture_height=8)
+DESCRIPTORS = DescriptorConfig(view_height=16, bins=4, size=6, basis_views=5)
 CONFIG = IndexConfig(starts=StartsConfig(min_coverage_share=0.9), descriptors=DESCRIPTORS)
 # Starts inside of the box and beside it, more than are rendered at once.
 OPTIONS = IndexOptions("grid", 1.0, region=((1.0, 1.0, 0.5), (9.0, 3.0, 2.0)))

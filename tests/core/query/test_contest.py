@@ -82,7 +82,7 @@ def contest_of(
         judge_alone=judge_alone,
         allows=allows,
         limits=PoseLimits(),
-        rig=SimpleNamespace(finer=1, share=1.0, prior=FocalPrior(-0.1, 0.8, is_stated=True)),
+        rig=SimpleNamespace(finer=1, rows=64, patch_deg=22.5, share=1.0, prior=FocalPrior(-0.1, 0.8, is_stated=True)),
         with_other_focal_lengths=lambda best, comparison: others(best.log_focal),
         index=SimpleNamespace(surface_thickness_m=0.007),
     )

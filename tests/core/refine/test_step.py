@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from panoloc.core.config import CONTRAST, JudgeConfig, RefinementConfig, StepConfig
+from panoloc.core.config import CONTRAST, DescriptorConfig, RefinementConfig, StepConfig
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.image.level import Level
 from panoloc.core.refine.halves import halves_apart
@@ -296,7 +296,7 @@ COLORS_ELSEWHERE = scene(seed=8)[1].colors
 def apart(points: CandidatePoints, level: Level = LEVEL, log_focals: Tensor | None = None) -> tuple[float, float]:
     """Return metres and degrees."""
     rules = RefinementConfig()
-    some, square_deg = points.thinned(rules.halves_every), JudgeConfig().patch_deg / 2
+    some, square_deg = points.thinned(rules.halves_every), DescriptorConfig().patch_deg
     found = halves_apart(level, some, ROTATION[0], POSITION[0], log_focals, square_deg, rules)
     return float(found[0]), float(torch.rad2deg(found[1]))
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PoseDistance
+from panoloc.core.config import DISTANCES, PoseDistance
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.search.candidates import Candidates
@@ -60,7 +60,7 @@ def near_starts(pose: Pose, count: int) -> tuple[Candidates, Tensor]:
 @pytest.mark.parametrize("name", ["one photo", "two photos"])
 def test_a_candidate_moves_to_where_the_photo_was_taken(name: str) -> None:
     found, place = near_starts(RIGS[name][1], 4)
-    moved = swept(query(name).rig.described, map_of(BOX), found, PoseDistance(0.01, 10.0), 4, SEARCH)
+    moved = swept(query(name).rig.described, map_of(BOX), found, 4, SEARCH)
     before = (map_of(BOX).starts[found.starts] - place).norm(dim=-1).min()
     assert float((moved.positions[0] - place).norm()) < min(0.15, float(before))
     assert (moved.scores.diff() <= 1e-6).all()
@@ -70,15 +70,14 @@ def test_a_candidate_moves_to_where_the_photo_was_taken(name: str) -> None:
 def test_what_is_near_a_better_one_is_left_out() -> None:
     found, _ = near_starts(POSE, 12)
     photos, index = query("one photo").rig.described, map_of(BOX)
-    near = PoseDistance(0.4, 10.0)
-    moved = swept(photos, index, found, near, 12, replace(SEARCH, swept_closer=1))
+    moved = swept(photos, index, found, 12, replace(SEARCH, swept_closer=1))
     apart = torch.cdist(moved.positions, moved.positions) + 10 * torch.eye(len(moved))
     assert 1 < len(moved) < 12
-    assert float(apart[1:, 1:].min()) >= near.distance_m  # the first has moved once more, on finer pictures
-    assert len(swept(photos, index, found, near, 2, SEARCH)) == 2
+    assert float(apart[1:, 1:].min()) >= DISTANCES.place.distance_m  # the first has moved once more, on finer pictures
+    assert len(swept(photos, index, found, 2, SEARCH)) == 2
 
 
 @pytest.mark.slow
 def test_nothing_found_is_nothing_moved() -> None:
     none, _ = near_starts(POSE, 0)
-    assert swept(query("one photo").rig.described, map_of(BOX), none, NEAR, 4, SEARCH) is none
+    assert swept(query("one photo").rig.described, map_of(BOX), none, 4, SEARCH) is none

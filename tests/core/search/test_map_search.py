@@ -19,7 +19,7 @@ from tests.core.search.found_candidates import CONFIG, RIGS, TWO_PHOTOS, poses_o
 
 pytestmark = pytest.mark.slow
 SEARCH = CONFIG.search
-NARROW_MARGIN = rotation_spacing(SEARCH.narrow_rotations) / 2  # rad, and less of the denser set
+NARROW_MARGIN = rotation_spacing(SEARCH.rotations) / 2  # rad, and less of the denser set
 
 
 def searched(query: MapQuery, limits: PoseLimits | None = None) -> MapCandidates:
@@ -39,10 +39,10 @@ def test_the_right_pose_is_among_the_first_candidates(name: str) -> None:
 
 def test_of_a_photo_every_start_is_scored_with_every_rotation_and_of_a_panorama_a_share_of_the_starts() -> None:
     starts = map_of(BOX).num_starts
-    assert searched(query("one photo")).num_poses == starts * SEARCH.narrow_rotations
+    assert searched(query("one photo")).num_poses == starts * SEARCH.rotations
     kept = max(SEARCH.kept_starts, round(SEARCH.kept_share * starts))
     assert kept < starts
-    assert searched(query("panorama")).num_poses == kept * SEARCH.wide_rotations
+    assert searched(query("panorama")).num_poses == kept * (SEARCH.rotations // 4)
 
 
 @pytest.mark.parametrize(("kept_starts", "share"), [(40, 0.0), (40, 0.5), (1, 0.1)])
@@ -54,25 +54,22 @@ def test_the_first_pass_keeps_the_starts_that_it_likes_best_over_all_maps(kept_s
     count = max(kept_starts, round(share * sum(map(len, first))))
     least = float(torch.cat(first).sort(descending=True).values[count - 1])
     found = search_maps(searches, limits, False, config)
-    assert sum(part.num_poses for part in found) == count * SEARCH.wide_rotations
+    assert sum(part.num_poses for part in found) == count * (SEARCH.rotations // 4)
     for part, scores in zip(found, first, strict=True):
         assert part.num_starts == len(scores)
-        assert part.num_poses == int((scores >= least).sum()) * SEARCH.wide_rotations
+        assert part.num_poses == int((scores >= least).sum()) * (SEARCH.rotations // 4)
         assert (scores[part.candidates.starts] >= least).all()
 
 
 def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:
     # Of the few rotations of the first pass the hints leave none, of the many some.
-    margin = rotation_spacing(3) / 2
-    tilt = math.acos(float(uniform_rotations(3)[:, 2, 2].max()))
-    level = PoseLimits(max_tilt=tilt - margin - 0.01)
-    config = replace(CONFIG, search=replace(SEARCH, first_rotations=3, kept_starts=2, kept_share=0.0))
+    level = PoseLimits(max_tilt=0.0, heading=0.0, heading_tolerance=0.0)
+    config = replace(CONFIG, search=replace(SEARCH, kept_starts=2, kept_share=0.0))
     search = query_of(RIGS["panorama"][0], config=config).search
     assert search.first_scores(level).isinf().all()
     (found,) = search_maps([search], [level], False, config.search)
-    allowed = level.allows_rotation(
-        uniform_rotations(SEARCH.wide_rotations), rotation_spacing(SEARCH.wide_rotations) / 2
-    )
+    count = SEARCH.rotations // 4
+    allowed = level.allows_rotation(uniform_rotations(count), rotation_spacing(count) / 2)
     assert found.num_poses == map_of(BOX).num_starts * int(allowed.sum()) > 0
 
 

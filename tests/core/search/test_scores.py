@@ -72,7 +72,7 @@ def test_patches_of_some_poses_are_those_of_all(name: str) -> None:
 # What images look like to the search.
 
 GRID = PatchGrid(4, 8)
-COARSE = DescriptorConfig(patch_rows=4, view_height=16, bins=4)
+COARSE = DescriptorConfig(view_height=16, bins=4)
 
 
 @pytest.mark.parametrize("labels", [False, True])

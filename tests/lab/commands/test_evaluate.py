@@ -20,7 +20,7 @@ from tests.core.painted_box import PaintedBox, rotation_of
 from tests.lab.evaluation.made_rows import made_row, searched
 from tests.service.cli.commands import Panoloc
 
-METHOD = "quick=fast:search.wide_rotations=576,search.num_candidates=8,refinement.fine_rows=64"
+METHOD = "quick=fast:search.rotations=2304,search.num_candidates=8,refinement.fine_rows=64"
 
 
 @pytest.fixture(autouse=True)

@@ -73,10 +73,10 @@ def test_numbers_are_halved_and_doubled_wherever_they_stand() -> None:
 
     near = SEARCH.reach_m
     assert [search.reach_m for search in values("search.reach_m", "search")] == [near / 2, near * 2]
-    distinct = SEARCH.distinct
-    halved, doubled = values("search.distinct.angle_deg", "search")
-    assert (halved.distinct.angle_deg, doubled.distinct.angle_deg) == (distinct.angle_deg / 2, distinct.angle_deg * 2)
-    assert halved.distinct.distance_m == distinct.distance_m
+    stop = LocalizerConfig().refinement.coarse_stop
+    halved, doubled = (each.coarse_stop for each in values("refinement.coarse_stop.move_m", "refinement"))
+    assert (halved.move_m, doubled.move_m) == (stop.move_m / 2, stop.move_m * 2)
+    assert halved.turn_rad == stop.turn_rad
     first, second = LocalizerConfig().refinement.coarse_iterations
     assert values("refinement.coarse_iterations", "refinement")[1].coarse_iterations == (2 * first, 2 * second)
 
@@ -112,8 +112,8 @@ def test_the_paper_and_what_a_map_is_built_with_are_left_alone() -> None:
 
 
 def test_a_variant_names_fields_of_sections_within_sections() -> None:
-    variant = compared_method("x=fast:search.distinct.distance_m=2,search.reach_m=3")
-    assert (variant.config.search.distinct.distance_m, variant.config.search.reach_m) == (2.0, 3.0)
+    variant = compared_method("x=fast:refinement.coarse_stop.move_m=2,search.reach_m=3")
+    assert (variant.config.refinement.coarse_stop.move_m, variant.config.search.reach_m) == (2.0, 3.0)
 
 
 def test_outcomes_count_what_is_right_wrong_and_another_answer() -> None:

@@ -17,7 +17,7 @@ from panoloc.lab.evaluation.rows import Row, RowsFile
 from panoloc.lab.evaluation.runner import Evaluation, RunOptions
 from panoloc.lab.evaluation.sources import folder_scans
 
-FAST = compared_method("fast=fast:search.wide_rotations=576,search.num_candidates=8,refinement.fine_rows=64")
+FAST = compared_method("fast=fast:search.rotations=2304,search.num_candidates=8,refinement.fine_rows=64")
 
 
 def _evaluation(root: Path, file: Path, num_strangers: int = 0, **options: float) -> Evaluation:
