@@ -24,7 +24,6 @@ class JudgeConfig:
     least_edges_deg: float = 90.0
     agreement: float = 0.5  # correlation from which on a patch agrees, or an image surely shows what is there
     rivals: int = 3  # places elsewhere that are judged as the best one is
-    alias_least: float = 0.5  # of the score of the best; aliases that fit less well are left at that
     # An answer that is this sure is the answer; one at a single place may be less so once all candidates of a search were looked at.
     sure: float = 0.8
     narrow_share: float = 0.3  # of the sphere; rigs that cover less are looked at more closely

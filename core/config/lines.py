@@ -8,17 +8,12 @@ class LineConfig:
     """Edges, and the lines that they are of (see `panoloc.core.features.line_support`)."""
 
     rows: int = 512  # to a sphere, at which edges are looked for
-    strongest_edges: int = 2000
-    # How much faster than in half of the photo colours change there; of photos that show little else the strongest few are taken.
-    edge_over_noise: float = 3.0
-    fewest_real_edges: int = 150
+    strongest_edges: int = 700
+    edge_over_noise: float = 3.0  # how much faster than in half of the photo colours change there
     least_gradient: float = 0.5  # of the logarithm of colours, per radian: less than one step of eight bits
-    edge_stride: int = 3  # of these, by falling strength, every third one: neighbours say the same
     edge_noise_deg: float = 1.5  # of the direction of an edge
     aligned_share: float = 0.6  # of the edges, that are along an axis
     support_rows: int = 90  # of the map of vanishing points
-    # Lines are not asked where there are fewer edges, where less of the walls is along the axes of the map, or where the best rotation is
-    # hardly better than rotations by chance (mean logarithm of the likelihood ratio of an edge).
-    fewest_edges: int = 40
-    least_walls: float = 0.6
+    # Lines are not asked where the best rotation is hardly better than rotations by chance (mean logarithm of the likelihood ratio of an
+    # edge).
     least_contrast: float = 0.2

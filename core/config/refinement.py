@@ -24,8 +24,7 @@ class StepConfig:
     """One step of Gauss-Newton (see `panoloc.core.refine.step`)."""
 
     damping: float = 0.05  # of the diagonal
-    relaxation: float = 1.3  # the first step is this much longer, later ones by what the last one fell short
-    max_relaxation: float = 1.5
+    lengthening: float = 1.3  # of every step but the last
     max_step_m: float = 0.15
     robust_scale: float | None = (
         None  # of the median residual, at which a point counts a quarter; None: points keep their vote
@@ -52,7 +51,7 @@ class RefinementConfig:
     most_coarse_points: int = 1600
     coarse_margin_deg: float = 35.0
     coarse_iterations: tuple[int, int] = (16, 12)
-    coarse_step: StepConfig = StepConfig(damping=0.1, relaxation=1.0, max_step_m=0.3, robust_scale=2.0)
+    coarse_step: StepConfig = StepConfig(damping=0.1, max_step_m=0.3, robust_scale=2.0)
     coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, DISTANCES.same)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light, less where millimetres count.
     coarse_contrast: float = 0.8
@@ -61,7 +60,6 @@ class RefinementConfig:
     # Medium, on what poses themselves see, found anew in each round as what a pose sees changes with it. Changed furniture loses its vote;
     # where poses are nearly right points keep it: they come half as near without.
     margin_deg: float = 8.0
-    medium_candidates: int = 12
     margin: float = 0.35  # of the best score; candidates further behind it never won
     medium_points: int = 2048
     medium_rounds: tuple[MediumRound, ...] = (
@@ -79,7 +77,8 @@ class RefinementConfig:
     finest_points: int = 12_000  # at twice those rows
     finest_iterations: int = 4
     fine_stop: StoppingRule = StoppingRule(0.0003, 0.0003, interval=2)
-    # Of the rendering that finds the points seen at full resolution; half where points fall into less than this share of the pixels.
+    # Of the rendering that finds the points seen at full resolution; half where points fall into less than this share of the pixels: in a
+    # room of 3,000 points poses are off by centimetres and not answered without.
     least_filled: float = 0.1
     step: StepConfig = StepConfig()
     # Of the points, by which halves of a picture are refined apart: with a quarter those of right poses end twice as far apart.

@@ -14,24 +14,19 @@ class SearchConfig:
     wide_share: float = 0.6
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
     kept_starts: int = 128  # never fewer
-    most_patches: int = 64  # of 11 degrees, that are compared; six frames show 160, and so many of them rank as well
     # The poses that patches like best are scored again by pixels, all together so many.
     rescored_pixels: int = 1_000_000
     few_rescored_pixels: int = 300_000  # of wide rigs, where lines leave few rotations, and of each translation grid
     histogram_weight: float = 0.04  # of the score by patches, added to that by pixels (docs/experiments.md)
     square_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
-    min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
     margin_m: float = 0.5  # of starts beyond what limits allow
     # People hold cameras level: poses tilted no more than this are searched first.
     level_tilt_deg: float = 18.0
-    # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, this share is
-    # searched first, the best of it so far apart; of their poses so many are scored by patches, and pixels of the best of these again.
+    # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, these are
+    # searched first, those of them that are so far apart; of their poses a pool is scored by patches, and the best again by pixels.
     line_rotations: int = 294_912
-    likely_share: float = 0.02
-    fewest_likely: int = 64
-    most_likely: int = 600
+    likely_rotations: int = 600
     likely_apart_deg: float = 4.0
-    likely_described_poses: int = 5000
     likely_histogram_weight: float = 0.08
     # The best of these are scored once more at places around their starts (see `panoloc.core.search.position_sweep`), and the first of them
     # on finer pictures at places around those; all places together have so many pixels.
@@ -39,10 +34,8 @@ class SearchConfig:
     swept_closer: int = 24
     # What a round proposes.
     num_candidates: int = 32
-    pool: int = 2500  # poses that candidates are chosen from
-    # So many are looked at first, with some that are far from the best of them.
-    first_portion: int = 6
-    first_elsewhere: int = 3
+    pool: int = 5000  # poses that candidates are chosen from
+    first_portion: int = 9  # are looked at first
     # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
     reach_m: float = 0.75
 

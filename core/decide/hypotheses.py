@@ -127,30 +127,19 @@ def merged(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypothe
     return distinct(sorted(hypotheses, key=lambda h: h.loss), near)
 
 
-def within_margin(
-    hypotheses: Sequence[Hypothesis], count: int, margin: float, place: PoseDistance | None = None
-) -> list[Hypothesis]:
-    """Return up to `count` of hypotheses that are sorted by falling score: those within a share `margin` of the best one's.
+def within_margin(hypotheses: Sequence[Hypothesis], margin: float) -> list[Hypothesis]:
+    """Return those of hypotheses, sorted by falling score, whose scores are within a share `margin` of the best one's."""
+    return [h for h in hypotheses if h.score >= (1 - margin) * hypotheses[0].score]
 
-    place: where all of them are at one place, the best one elsewhere is kept as well. It cannot win, but how far it is behind says how
-    sure the answer is.
+
+def first_and_elsewhere(hypotheses: Sequence[Hypothesis], count: int, place: PoseDistance) -> list[Hypothesis]:
+    """Return the first `count` of hypotheses, best first, and where all of them are at one place, the best one elsewhere.
+
+    How far it is behind says how sure the answer is; and of equal rooms the one that is refined further would seem to fit better.
     """
-    kept = [h for h in hypotheses[:count] if h.score >= (1 - margin) * hypotheses[0].score]
-    if place is not None and all(h.is_near(kept[0], place) for h in kept):
-        kept += [h for h in hypotheses[len(kept) :] if not h.is_near(kept[0], place)][:1]
-    return kept
-
-
-def with_close_rival(
-    hypotheses: Sequence[Hypothesis], count: int, margin: float, place: PoseDistance
-) -> list[Hypothesis]:
-    """Return up to `count` of hypotheses that are sorted by falling score, those within `margin` of the best; and the best one at
-    another place, where it is within the margin too: of equal rooms the one that is refined further would seem to fit better.
-    """
-    within = [h for h in hypotheses if h.score >= (1 - margin) * hypotheses[0].score]
-    kept = within[:count]
+    kept = list(hypotheses[:count])
     if all(h.is_near(kept[0], place) for h in kept):
-        kept += [h for h in within[count:] if not h.is_near(kept[0], place)][:1]
+        kept += [h for h in hypotheses[count:] if not h.is_near(kept[0], place)][:1]
     return kept
 
 

@@ -20,7 +20,7 @@ _SMOOTHING = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
 class Edges:
     """Pixels on edges: directions (E, 3), unit vectors of the rig, and normals (E, 3) of the planes of their edges, either way round.
 
-    length_deg: how long all edges are together that stand out from the noise, those of which nothing was taken too.
+    length_deg: how long all edges are together, those of which nothing was taken too.
     """
 
     directions: Tensor
@@ -32,25 +32,17 @@ class Edges:
         """Return E."""
         return len(self.normals)
 
-    def some(self, most: int) -> "Edges":
-        """Return at most so many, spread over all."""
-        stride = max(1, -(-len(self.normals) // most))
-        return Edges(self.directions[::stride], self.normals[::stride], self.length_deg)
-
 
 def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
-    """Return some of the strongest edges of all photos together, thinned to one pixel across; few or none where hardly any are."""
+    """Return the strongest edges of all photos together, thinned to one pixel across; few or none where hardly any are."""
     windows = pyramid.windows(min(config.rows, pyramid.finest_rows))
     magnitude, east, north = _gradients(windows)
     strongest = _ridges(magnitude, east, north, windows).flatten()
     # Where most of a photo is plain, how fast colours change there is noise.
     noise = magnitude[windows.valid > 0].median()
-    is_edge, stands_out = strongest > config.least_gradient, strongest > config.edge_over_noise * noise
-    # All three at once: a device is waited for only once.
-    edges, outstanding, both = torch.stack((is_edge.sum(), stands_out.sum(), (is_edge & stands_out).sum())).tolist()
-    count = min(edges, max(config.fewest_real_edges, outstanding), config.strongest_edges)
-    length_deg = both * 180 / windows.rows
-    chosen = strongest.topk(count).indices[:: config.edge_stride]
+    count = int((strongest > (config.edge_over_noise * noise).clamp_min(config.least_gradient)).sum())
+    length_deg = count * 180 / windows.rows
+    chosen = strongest.topk(min(count, config.strongest_edges)).indices
     directions = windows.directions.flatten(0, 1)[chosen]
     normals = _tangents(directions, east.flatten()[chosen], north.flatten()[chosen])
     turned = pyramid.rotations[windows.image.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)

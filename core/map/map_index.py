@@ -93,9 +93,8 @@ class MapIndex:
             return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
 
     @cached_property
-    def wall_axes(self) -> tuple[Tensor, float]:
-        """Return the axes that the walls are built along, and the share of the walls that are (see
-        `panoloc.core.map.wall_axes`); made once."""
+    def wall_axes(self) -> Tensor:
+        """Return the axes that the walls are built along (see `panoloc.core.map.wall_axes`); made once."""
         with torch.inference_mode(False):
             return wall_axes(self.positions)
 

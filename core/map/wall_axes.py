@@ -17,14 +17,14 @@ _BINS = 90  # of a quarter turn
 _NEAR_DEG = 3.0
 
 
-def wall_axes(positions: Tensor) -> tuple[Tensor, float]:
-    """Return axes_from_map (3, 3), a turn about the vertical that brings x and y along most of the walls, and the share of walls that are.
+def wall_axes(positions: Tensor) -> Tensor:
+    """Return axes_from_map (3, 3), a turn about the vertical that brings x and y along most of the walls; none where there are no walls.
 
-    positions: (N, 3) metres, z up. The share is zero where there are no walls.
+    positions: (N, 3) metres, z up.
     """
     normals, weights = _wall_normals(positions)
     if len(normals) == 0:
-        return torch.eye(3, device=positions.device), 0.0
+        return torch.eye(3, device=positions.device)
     quarter = math.pi / 2
     azimuth = torch.atan2(normals[:, 1], normals[:, 0]) % quarter
     number = (azimuth * (_BINS / quarter)).long().clamp(0, _BINS - 1)
@@ -36,8 +36,7 @@ def wall_axes(positions: Tensor) -> tuple[Tensor, float]:
     near = off.abs() < math.radians(_NEAR_DEG)
     turn = middle + float((off * weights)[near].sum() / weights[near].sum())
     c, s = math.cos(turn), math.sin(turn)
-    axes = torch.tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], device=positions.device)
-    return axes, float(weights[near].sum() / weights.sum())
+    return torch.tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], device=positions.device)
 
 
 def surface_thickness(positions: Tensor) -> float:

@@ -16,9 +16,9 @@ from panoloc.core.decide.hypotheses import (
     by_map,
     by_score,
     distinct,
+    first_and_elsewhere,
     merged,
     with_aliases,
-    with_close_rival,
     within_margin,
 )
 from panoloc.core.query.focal_lengths import focal_uncertainty
@@ -66,9 +66,9 @@ class Contest:
         self._rank()
 
     def add_aliases(self, aliases: Sequence[Hypothesis]) -> None:
-        """Take in poses from which all of the scan looks as from the best: they go as far as it where they fit half as well."""
+        """Take in poses from which all of the scan looks as from the best: they go as far as it where they fit hardly worse."""
         self._aliases = [self.hypotheses[0], *aliases]
-        least = self.config.judge.alias_least * self._coarse[0].score
+        least = self._least_of(self._coarse)
         self._settled_aliases = self._settle([h for h in self._refined_coarse(aliases) if h.score >= least])
         self._rank()
 
@@ -127,12 +127,17 @@ class Contest:
     def _rank(self) -> None:
         """Refine the best of the coarse stage on what they see, and the best of these fully; rank them, and then all others."""
         sizes, place = self.config.refinement, DISTANCES.place
-        self._settle(within_margin(self._coarse, sizes.medium_candidates, sizes.margin, place))
-        close = with_close_rival(self._medium, sizes.fine_candidates, sizes.margin, place)
-        least = self.config.judge.alias_least * max((h.score for h in self._medium), default=0.0)
+        within = within_margin(self._coarse, sizes.margin)
+        self._settle(first_and_elsewhere(self._coarse, len(within), place))
+        close = first_and_elsewhere(within_margin(self._medium, sizes.margin), sizes.fine_candidates, place)
+        least = self._least_of(self._medium)
         close += [h for h in self._settled_aliases if h.score >= least and all(h is not other for other in close)]
         self._finish(close)
         self.hypotheses = with_aliases(self.hypotheses, self._aliases, DISTANCES.elsewhere)
+
+    def _least_of(self, ranked: Sequence[Hypothesis]) -> float:
+        """Return the least score of poses that may still win against those that are ranked."""
+        return (1 - self.config.refinement.margin) * max((h.score for h in ranked), default=0.0)
 
     def _settle(self, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine those of the chosen that were not yet on what they see; return these, judged, by score."""

@@ -46,16 +46,13 @@ class MapQuery:
 
     @cached_property
     def lines(self) -> LineEvidence | None:
-        """Return what the edges of the images say of rotations; None where that is little, or walls are not along two axes."""
-        rig, index, sizes = self.rig, self.index, self.config.lines
+        """Return what the edges of the images say of rotations; None where that is little."""
+        rig, index = self.rig, self.index
         if rig.is_wide or rig.is_labels:
             return None
-        axes, share = index.wall_axes
-        if share < sizes.least_walls or rig.edges.count < sizes.fewest_edges:
-            return None
         every = rotations_of(self.config.search.line_rotations, str(index.positions.device))
-        evidence = LineEvidence(rig.lines, axes, every, self.limits)
-        return evidence if evidence.contrast >= sizes.least_contrast else None
+        evidence = LineEvidence(rig.lines, index.wall_axes, every, self.limits)
+        return evidence if evidence.contrast >= self.config.lines.least_contrast else None
 
     @cached_property
     def search(self) -> MapSearch:

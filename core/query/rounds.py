@@ -1,12 +1,12 @@
 """The rounds of search: what gravity and lines allow, then everything."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
 
-from panoloc.core.config import DISTANCES, SearchConfig
+from panoloc.core.config import SearchConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.map.aliases import aliases_of
@@ -57,7 +57,7 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
     best = _best(queries, found, config.num_candidates)
     scores = [float(part.candidates.scores.max()) for part in found if len(part.candidates)]
     return Proposed(
-        list(_portions(best, config)),
+        _portions(best, config.first_portion),
         max(scores, default=0.0),
         sum(part.num_starts for part in found),
         sum(part.num_poses for part in found),
@@ -107,18 +107,6 @@ def _best(queries: Sequence[MapQuery], found: Sequence[MapCandidates], count: in
     return [hypothesis for _, hypothesis in scored[:count]]
 
 
-def _portions(candidates: Sequence[Hypothesis], config: SearchConfig) -> Iterator[list[Hypothesis]]:
-    """Yield candidates, best first, in the portions that are refined one after the other, until an answer is sure.
-
-    The first has the very best, and some that are far from the best one: a room that looks the same must not be left for later, when
-    nobody asks for it any more.
-    """
-    if not candidates:
-        return
-    best, rest = list(candidates[: config.first_portion]), candidates[config.first_portion :]
-    near = sum(h.is_near(best[0], DISTANCES.elsewhere) for h in best)
-    missing = max(0, config.first_elsewhere - (len(best) - near))
-    elsewhere = [h for h in rest if not h.is_near(best[0], DISTANCES.elsewhere)][:missing]
-    yield best + elsewhere
-    if others := [h for h in rest if all(h is not other for other in elsewhere)]:
-        yield others
+def _portions(candidates: Sequence[Hypothesis], count: int) -> list[list[Hypothesis]]:
+    """Return candidates, best first, in portions that are refined one after the other until an answer is sure: `count`, the rest."""
+    return [list(part) for part in (candidates[:count], candidates[count:]) if part]

@@ -7,7 +7,7 @@ Paper: §3.3 (refinement of the best candidates).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -16,7 +16,7 @@ from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.image.level import Level
 from panoloc.core.refine.patches import PatchSums
-from panoloc.core.refine.step import PointPlanes, StepHistory, pose_step
+from panoloc.core.refine.step import PointPlanes, pose_step
 
 
 @dataclass(frozen=True)
@@ -97,16 +97,16 @@ class Refined:
 
 @dataclass(frozen=True)
 class _Active:
-    """Candidates that have not converged: their points, poses, and step history; and whether focal lengths differ from the level's."""
+    """Candidates that have not converged: their points, poses, and last step (K, U); and whether focal lengths differ from the level's."""
 
     points: PointPlanes
     poses: Refined
-    history: StepHistory
+    step: Tensor
     has_focals: bool
 
     def take(self, chosen: Tensor) -> "_Active":
         """Return some of the candidates."""
-        return _Active(self.points.take(chosen), self.poses.take(chosen), self.history.take(chosen), self.has_focals)
+        return _Active(self.points.take(chosen), self.poses.take(chosen), self.step[chosen], self.has_focals)
 
 
 def refine(
@@ -128,7 +128,7 @@ def refine(
     merged however near their poses lie; None: all are of one. within: brings rotations (K, 3, 3) back within limits, after every step.
     log_focals: (K,), focal lengths; within `focal_bounds` they are unknown as well.
     """
-    active = _at_start(points, rotations, positions, log_focals, focal_bounds, config)
+    active = _at_start(points, rotations, positions, log_focals, focal_bounds)
     converged: list[Refined] = []
     done = 0
     while done < iterations and len(active.poses.numbers):
@@ -138,7 +138,7 @@ def refine(
         if stop and stop.merge and done < iterations:
             converged, active = _without_duplicates(converged, active, stop.merge, groups)
         if stop and done < iterations:
-            turn, move = active.history.step[:, :3].norm(dim=-1), active.history.step[:, 3:].norm(dim=-1)
+            turn, move = active.step[:, :3].norm(dim=-1), active.step[:, 3:].norm(dim=-1)
             still = (turn < stop.turn_rad) & (move < stop.move_m)
             converged, active = [*converged, active.poses.take(still)], active.take(~still)
     return Refined.joined([*converged, active.poses])
@@ -150,7 +150,6 @@ def _at_start(
     positions: Tensor,
     log_focals: Tensor | None,
     focal_bounds: tuple[float, float] | None,
-    config: StepConfig,
 ) -> _Active:
     nothing = torch.zeros(len(rotations), device=rotations.device)
     numbers = torch.arange(len(rotations), device=rotations.device)
@@ -159,9 +158,8 @@ def _at_start(
     poses = Refined(
         numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers), focals, nothing
     )
-    unknowns = 6 if focal_bounds is None else 7
-    history = StepHistory.initial(len(rotations), unknowns, config, rotations.device)
-    return _Active(points.planes(), poses, history, log_focals is not None)
+    step = torch.zeros((len(rotations), 6 if focal_bounds is None else 7), device=rotations.device)
+    return _Active(points.planes(), poses, step, log_focals is not None)
 
 
 def _stepped(
@@ -174,13 +172,13 @@ def _stepped(
     is_last: bool,
 ) -> _Active:
     """Take `count` steps; the very last of a refinement is not lengthened."""
-    poses, history = active.poses, active.history
+    poses = active.poses
     rotations, positions = poses.rotations, poses.positions
     log_focals = poses.log_focals if active.has_focals else None
     for k in range(count):
-        relaxed = not is_last or k + 1 < count
-        step = pose_step(level, active.points, rotations, positions, log_focals, history, config, relaxed, focal_bounds)
-        rotations, positions, log_focals, history = step.rotations, step.positions, step.log_focals, step.history
+        rules = replace(config, lengthening=1.0) if is_last and k + 1 == count else config
+        step = pose_step(level, active.points, rotations, positions, log_focals, rules, focal_bounds)
+        rotations, positions, log_focals = step.rotations, step.positions, step.log_focals
         if within is not None:
             rotations = within(rotations)
     found, steps = step.equations, poses.steps + count
@@ -190,7 +188,7 @@ def _stepped(
     reached = Refined(
         poses.numbers, rotations, positions, found.loss, hessian[:, :6, :6], found.scale, steps, focals, information
     )
-    return _Active(active.points, reached, history, active.has_focals)
+    return _Active(active.points, reached, step.step, active.has_focals)
 
 
 def _information_of_focal(hessian: Tensor, mass: Tensor) -> Tensor:

@@ -29,31 +29,6 @@ _METRES_PER_RAD, _METRES_PER_LOG = 1.5, 2.0  # of turns and focal lengths that m
 
 
 @dataclass(frozen=True)
-class StepHistory:
-    """How the last step of each of K candidates went.
-
-    step: (K, U), turn (rad), move (m) and, where it is unknown, the logarithm of the focal length, zero before the first. slope: (K,), of
-    the loss along it where it began. relaxation: (K,), the factor that it was lengthened by.
-    """
-
-    step: Tensor
-    slope: Tensor
-    relaxation: Tensor
-
-    @staticmethod
-    def initial(count: int, unknowns: int, config: StepConfig, device: torch.device) -> "StepHistory":
-        """Return the history of `count` candidates that have not moved yet."""
-        nothing = torch.zeros(count, device=device)
-        return StepHistory(
-            torch.zeros((count, unknowns), device=device), nothing, torch.full_like(nothing, config.relaxation)
-        )
-
-    def take(self, chosen: Tensor) -> "StepHistory":
-        """Return some of the candidates."""
-        return StepHistory(self.step[chosen], self.slope[chosen], self.relaxation[chosen])
-
-
-@dataclass(frozen=True)
 class PointPlanes:
     """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
 
@@ -78,14 +53,14 @@ class PointPlanes:
 class PoseStep:
     """Poses after a step, and what the step saw before it moved.
 
-    rotations: (K, 3, 3) map_from_rig; positions: (K, 3); log_focals: (K,), None where the focal length is known. history: how it went.
-    equations: of the poses before.
+    rotations: (K, 3, 3) map_from_rig; positions: (K, 3); log_focals: (K,), None where the focal length is known. step: (K, U), turn (rad),
+    move (m) and, where it is unknown, the logarithm of the focal length. equations: of the poses before.
     """
 
     rotations: Tensor
     positions: Tensor
     log_focals: Tensor | None
-    history: StepHistory
+    step: Tensor
     equations: "PatchEquations"
 
 
@@ -95,17 +70,13 @@ def pose_step(
     rotations: Tensor,
     positions: Tensor,
     log_focals: Tensor | None,
-    history: StepHistory,
     config: StepConfig,
-    relaxed: bool,
     bounds: tuple[float, float] | None = None,
 ) -> PoseStep:
-    """Move K poses by one step. history: of the step before. relaxed: whether to lengthen the step. log_focals: (K,), as of
-    `Level.sample_points`; unknown as well within `bounds`, known without."""
+    """Move K poses by one step. log_focals: (K,), as of `Level.sample_points`; unknown as well within `bounds`, known without."""
     found = patch_equations(level, points, rotations, positions, config, log_focals, with_focal=bounds is not None)
-    relaxation = _next_relaxation(history, found.gradient, config)
     free = found if log_focals is None or bounds is None else _held(found, log_focals, bounds)
-    step = _solve(free, config, relaxation if relaxed else torch.ones_like(relaxation))
+    step = _solve(free, config)
     turn, move = step[:, :3], step[:, 3:6]
     if log_focals is not None and bounds is not None:
         log_focals = (log_focals + step[:, 6]).clamp(*bounds)
@@ -113,7 +84,7 @@ def pose_step(
         rotations @ rotation_from_vector(turn),
         torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0],
         log_focals,
-        StepHistory(step, (found.gradient * step).sum(-1), relaxation),
+        step,
         found,
     )
 
@@ -127,25 +98,16 @@ def _held(equations: "PatchEquations", log_focals: Tensor, bounds: tuple[float, 
     return replace(equations, hessian=hessian, gradient=equations.gradient * free)
 
 
-def _next_relaxation(history: StepHistory, gradient: Tensor, config: StepConfig) -> Tensor:
-    """Return the factor (K,) that the next step is lengthened by, from the gradient (K, 6) where the last one led.
+def _solve(equations: "PatchEquations", config: StepConfig) -> Tensor:
+    """Solve the damped normal equations: steps (K, U), so much longer than the solution, but within the limits.
 
-    Weights lag behind the pose and noise in the image's derivatives inflates the Hessian, so plain steps fall short. Where the loss still
-    falls along the last step, a line through its slopes at both ends says how much longer it should have been (the secant rule).
+    Weights lag behind the pose and noise in the image's derivatives inflates the Hessian, so plain steps fall short.
     """
-    slope = (gradient * history.step).sum(-1)
-    missed = torch.where(slope > history.slope, history.slope / (history.slope - slope).clamp_max(-1e-12), 2.0)
-    longer = (history.relaxation * missed.clamp(0.5, 2.0)).clamp(1.0, config.max_relaxation)
-    return torch.where(history.slope < 0, longer, history.relaxation)
-
-
-def _solve(equations: "PatchEquations", config: StepConfig, relaxation: Tensor) -> Tensor:
-    """Solve the damped normal equations: steps (K, U), `relaxation` (K,) times the solution but within the limits."""
     hessian = equations.hessian
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     damped = hessian + torch.diag_embed(diagonal * config.damping + 1e-6)
     # Damped equations always have a solution; to check would make a GPU wait.
-    update = -relaxation[:, None] * torch.linalg.solve_ex(damped, equations.gradient)[0]
+    update = -config.lengthening * torch.linalg.solve_ex(damped, equations.gradient)[0]
     # As a whole: a part of it alone would leave the valley that pose and focal length share.
     turn, move, spread = update[:, :3].norm(dim=-1), update[:, 3:6].norm(dim=-1), update[:, 6:].abs().sum(-1)
     longest = torch.stack((_METRES_PER_RAD * turn, move, _METRES_PER_LOG * spread)).amax(0) / config.max_step_m

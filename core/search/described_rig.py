@@ -1,6 +1,5 @@
 """What the images of a rig look like, as the search holds it against maps."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +15,6 @@ from panoloc.core.features.patch_histograms import soft_histograms
 from panoloc.core.image.rig_pyramid import RigPyramid
 
 _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much
-_GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,6 @@ class DescribedRig:
         """Return the patches along a basis (B, D), taken together in squares of 2 ^ `halvings` a side."""
         if not halvings:
             chosen = (self._shown > _LEAST_PATCH_SHARE * self._shown.max()).nonzero()[:, 0]
-            chosen = _some_of(chosen, self._search.most_patches)
             weights = self._shown[chosen]
             return DescribedPatches(self._roots[chosen] @ basis, chosen, weights / weights.sum(), self._grid)
         values, weights = (self._roots @ basis)[None], self._shown[None]
@@ -97,11 +94,3 @@ def rig_pixels(pyramid: RigPyramid, rows: int, side: int) -> RigPixels:
     _, squares = torch.unique(square + column // side, return_inverse=True)
     directions, colors = windows.rig_directions[valid], windows.color[:, valid].T.contiguous()
     return RigPixels(directions, pyramid.centers[image], colors, windows.weights[valid], squares, rows)
-
-
-def _some_of(patches: Tensor, most: int) -> Tensor:
-    """Return at most so many of the patches (Q,), spread evenly over them: what several images show is told by some of it."""
-    if len(patches) <= most:
-        return patches
-    order = (torch.arange(len(patches), device=patches.device, dtype=torch.float64) * _GOLDEN).frac().argsort()
-    return patches[order[:most].sort().values]

@@ -9,7 +9,7 @@ what each pose sees.
 import torch
 from torch import Tensor
 
-from panoloc.core.config import SearchConfig
+from panoloc.core.config import CONTRAST
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.equalization import equalization_tables, equalize
 from panoloc.core.geometry.projection import pixels_towards
@@ -19,12 +19,10 @@ _STARTS_AT_ONCE = 512
 _SAMPLED_PIXELS = 200_000  # of a map, that its colours are equalized by
 
 
-def scores_of_every_pose(
-    photos: RigPixels, views: DescribedViews, rotations: Tensor, is_labels: bool, config: SearchConfig
-) -> Tensor:
+def scores_of_every_pose(photos: RigPixels, views: DescribedViews, rotations: Tensor, is_labels: bool) -> Tensor:
     """Return the scores (T, R) of all T views with rotations (R, 3, 3): mean contrast explained inside squares of pixels, and less
     where the scan shows less."""
-    squares = _Squares(photos, is_labels, config.min_variance)
+    squares = _Squares(photos, is_labels)
     tables = None if is_labels else _tables_of(views)
     pixels = [pixels_towards(squares.directions @ rotation.T, photos.rows) for rotation in rotations]
     scores = []
@@ -66,7 +64,7 @@ class _Squares:
     directions: (G N, 3), of N pixels in each of G squares.
     """
 
-    def __init__(self, photos: RigPixels, is_labels: bool, floor: float) -> None:
+    def __init__(self, photos: RigPixels, is_labels: bool) -> None:
         order = photos.squares.argsort(stable=True)
         square, counts = photos.squares[order], torch.bincount(photos.squares)
         place = torch.arange(len(order), device=order.device) - (counts.cumsum(0) - counts)[square]
@@ -82,7 +80,7 @@ class _Squares:
         self._by_own = (solid[..., None] * own).flatten(1)[:, None]  # (G, 1, 3 N)
         ones = torch.ones_like(solid)[..., None]
         self._moments = (solid[..., None] * torch.cat((ones, own, own.square().sum(-1, keepdim=True)), -1)).mT
-        self._total, self._floor = photos.solid.sum(), floor
+        self._total = photos.solid.sum()
 
     def scores(self, planes: _Planes, at: Tensor) -> Tensor:
         """Return the scores (T,) of all starts where they show the pixels of the squares at `at` (G N,)."""
@@ -99,7 +97,7 @@ class _Squares:
         common = (self._by_own @ colors.view(count, 3 * size, -1))[:, 0] * per - (mean * own_mean).sum(1)
         variance = (self._solid @ squares)[:, 0] * per - mean.square().sum(1)
         own_variance = own[:, 4] * per - own_mean.square().sum(1)
-        power = (variance.clamp_min(0) + self._floor) * (own_variance.clamp_min(0) + self._floor)
+        power = (variance.clamp_min(0) + CONTRAST.noise) * (own_variance.clamp_min(0) + CONTRAST.noise)
         explained = 1 - (1 - (common.clamp_min(0).square() / power).clamp_max(1)).sqrt()
         total = mass.sum(0)
         return (explained * mass).sum(0) / total.clamp_min(1e-9) * (total / self._total).sqrt()

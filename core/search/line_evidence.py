@@ -41,8 +41,7 @@ class LineEvidence:
     def likely_rotations(self, rotations: Tensor, limits: PoseLimits, config: SearchConfig) -> Tensor:
         """Return those of rotations (R, 3, 3) within the limits that edges agree with best (L, 3, 3), some degrees apart."""
         allowed = rotations[limits.allows_rotation(rotations, rotation_spacing(len(rotations)) / 2)]
-        share = round(config.likely_share * len(allowed))
-        count = min(len(allowed), max(config.fewest_likely, min(share, config.most_likely)))
+        count = min(len(allowed), config.likely_rotations)
         best = allowed[self.of_rotations(allowed).topk(count).indices]
         apart = PoseDistance(1.0, config.likely_apart_deg)
         distinct = first_distinct(best, torch.zeros_like(best[:, 0]), apart)

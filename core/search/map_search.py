@@ -92,8 +92,8 @@ class MapSearch:
         if not len(starts) or not len(rotations):
             return self._nothing(starts)
         views = self._views(starts)
-        scores = scores_of_every_pose(self.rig.pixels, views, rotations, self._is_labels, config)
-        best = scores.flatten().topk(min(config.likely_described_poses, scores.numel())).indices
+        scores = scores_of_every_pose(self.rig.pixels, views, rotations, self._is_labels)
+        best = scores.flatten().topk(min(config.pool, scores.numel())).indices
         start, rotation = best // len(rotations), best % len(rotations)
         by_patches = config.likely_histogram_weight * patch_scores_of(
             self.rig.patches(self.index.views.basis), views, rotations, start, rotation
@@ -114,7 +114,7 @@ class MapSearch:
         by_patches: Tensor,
     ) -> Candidates:
         """Return poses, numbers (K,) of starts and rotations, with their scores by pixels and by patches (K,)."""
-        scores = pixel_scores(self.rig.pixels, views, rotations, start, rotation, self._is_labels, self.config)
+        scores = pixel_scores(self.rig.pixels, views, rotations, start, rotation, self._is_labels)
         numbers = starts[start]
         return Candidates(numbers, rotations[rotation], self.index.starts[numbers], scores + by_patches, by_patches)
 

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from panoloc.core.config import SearchConfig
+from panoloc.core.config import CONTRAST
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.equalization import equalize
 from panoloc.core.geometry.projection import pixels_towards
@@ -15,8 +15,8 @@ _RESCORED_AT_ONCE = 2_000_000  # pixels
 class ComparedColors:
     """The colours of photos, ready to be compared with what scans show in the same directions."""
 
-    def __init__(self, photos: RigPixels, is_labels: bool, config: SearchConfig) -> None:
-        self._solid, self._is_labels, self._config = photos.solid, is_labels, config
+    def __init__(self, photos: RigPixels, is_labels: bool) -> None:
+        self._solid, self._is_labels = photos.solid, is_labels
         self._member = torch.nn.functional.one_hot(photos.squares).float()  # (S, G)
         # Once for all poses: that some see less of the scan where a photo looks hardly moves its colours.
         self._own = photos.colors if is_labels else equalize(photos.colors[None], photos.solid[None])[0]
@@ -31,7 +31,7 @@ class ComparedColors:
         if not self._is_labels:
             scan = equalize(scan, weights)
         own = self._own.expand_as(scan)
-        inside, mass = _correlation_in_squares(scan, own, weights, self._member, self._config.min_variance)
+        inside, mass = _correlation_in_squares(scan, own, weights, self._member)
         share = weights.sum(1) / self._solid.sum()
         # By how much the other side explains a square; what has changed says nothing, and least of all against a pose.
         inside = 1 - (1 - inside.clamp(0, 1).square()).sqrt()
@@ -45,12 +45,11 @@ def pixel_scores(
     start: Tensor,
     rotation: Tensor,
     is_labels: bool,
-    config: SearchConfig,
 ) -> Tensor:
     """Return the score (K,) of poses, the starts numbered `start` (K,) with the rotations numbered `rotation` (K,)."""
     pictures, seen = views.pictures.flatten(0, 2), views.seen.flatten()
     height, size = views.pictures.shape[1], views.pictures.shape[1] * views.pictures.shape[2]
-    compared, scores = ComparedColors(photos, is_labels, config), []
+    compared, scores = ComparedColors(photos, is_labels), []
     step = max(1, _RESCORED_AT_ONCE // len(photos))
     for s, r in zip(torch.split(start, step), torch.split(rotation, step), strict=True):
         towards = torch.einsum("kab,sb->ksa", rotations[r], photos.directions)
@@ -58,9 +57,7 @@ def pixel_scores(
     return torch.cat(scores)
 
 
-def _correlation_in_squares(
-    first: Tensor, second: Tensor, weights: Tensor, member: Tensor, floor: float
-) -> tuple[Tensor, Tensor]:
+def _correlation_in_squares(first: Tensor, second: Tensor, weights: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
     """Return the correlation (K, G) of colours (K, S, 3) inside each square, all channels together, and what the squares weigh."""
     mass = weights @ member
     per = 1 / mass.clamp_min(1e-9)
@@ -74,7 +71,8 @@ def _correlation_in_squares(
     mean_first, mean_second = mean[:3], mean[3:6]
     covariance = mean[6] - (mean_first * mean_second).sum(0)
     variances = mean[7] - mean_first.square().sum(0), mean[8] - mean_second.square().sum(0)
-    return covariance / ((variances[0].clamp_min(0) + floor) * (variances[1].clamp_min(0) + floor)).sqrt(), mass
+    power = (variances[0].clamp_min(0) + CONTRAST.noise) * (variances[1].clamp_min(0) + CONTRAST.noise)
+    return covariance / power.sqrt(), mass
 
 
 def _summed(planes: Tensor) -> Tensor:

@@ -32,12 +32,12 @@ def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, con
     coarse = found.first(max(1, config.few_rescored_pixels // (len(cube) * len(rig.pixels))))
     if len(coarse) == 0:
         return found
-    moved = _moved(rig.pixels, index, coarse, cube, config)
+    moved = _moved(rig.pixels, index, coarse, cube)
     every = moved.ranked(moved.scores, DISTANCES.place, count, len(moved))
     finer = cube_of_places(spacing / config.sweep_places, config.sweep_places, index.starts.device)
     most = max(1, config.few_rescored_pixels // (len(finer) * len(rig.finer_pixels)))
     first = every.first(min(most, config.swept_closer))
-    closer = _moved(rig.finer_pixels, index, first, finer, config)
+    closer = _moved(rig.finer_pixels, index, first, finer)
     rank = closer.scores.argsort(descending=True)
     # Scores of finer pictures are lower: what is ranked anew shares out the scores that it had.
     ranked = replace(closer.take(rank), scores=first.scores)
@@ -45,10 +45,10 @@ def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, con
     return Candidates(*(torch.cat((getattr(ranked, f.name), getattr(rest, f.name))) for f in fields(Candidates)))
 
 
-def _moved(pixels: RigPixels, index: MapIndex, some: Candidates, offsets: Tensor, config: SearchConfig) -> Candidates:
+def _moved(pixels: RigPixels, index: MapIndex, some: Candidates, offsets: Tensor) -> Candidates:
     """Return candidates at the best of places around where they are, `offsets` (O, 3) metres from there, with the scores there."""
     around = (some.positions - index.starts[some.starts])[:, None] + offsets
-    best, which = _scores_around(pixels, index, some.starts, some.rotations, around, config).max(1)
+    best, which = _scores_around(pixels, index, some.starts, some.rotations, around).max(1)
     at = around[torch.arange(len(around), device=which.device), which]
     return replace(some, positions=index.starts[some.starts] + at, scores=best + some.by_patches)
 
@@ -59,13 +59,11 @@ def cube_of_places(side_m: float, count: int, device: torch.device) -> Tensor:
     return torch.stack(torch.meshgrid(side, side, side, indexing="ij"), -1).reshape(-1, 3)
 
 
-def _scores_around(
-    pixels: RigPixels, index: MapIndex, starts: Tensor, turns: Tensor, offsets: Tensor, config: SearchConfig
-) -> Tensor:
+def _scores_around(pixels: RigPixels, index: MapIndex, starts: Tensor, turns: Tensor, offsets: Tensor) -> Tensor:
     """Return the scores (K, O) of K poses with the rotations `turns` (K, 3, 3), at `offsets` (K, O, 3) metres from their starts (K,)."""
     numbers, row = torch.unique(starts, return_inverse=True)
     depth, pictures, seen = _views(index, numbers, pixels.rows)
-    compared, scores = ComparedColors(pixels, index.labels is not None, config), []
+    compared, scores = ComparedColors(pixels, index.labels is not None), []
     step = max(1, _PIXELS_AT_ONCE // (offsets.shape[1] * len(pixels)))
     for view, turn, moved in zip(*(torch.split(x, step) for x in (row, turns, offsets)), strict=True):
         towards = torch.einsum("kab,sb->ksa", turn, pixels.directions)[:, None]

@@ -9,9 +9,9 @@ from panoloc.core.config import DISTANCES, PoseDistance
 from panoloc.core.decide.hypotheses import (
     Hypothesis,
     by_score,
+    first_and_elsewhere,
     merged,
     with_aliases,
-    with_close_rival,
     with_refined,
     within_margin,
 )
@@ -31,13 +31,10 @@ def test_of_candidates_that_met_the_one_of_smallest_loss_stays() -> None:
     assert [(h.map_number, h.loss) for h in found] == [(1, 0.0), (0, 0.1), (0, 0.2)]
 
 
-def test_hopeless_candidates_go_but_the_best_one_elsewhere_stays() -> None:
+def test_hopeless_candidates_go() -> None:
     ranked = [placed(0.0, 1.4), placed(0.2, 1.3), placed(5.0, 0.6), placed(9.0, 0.5)]
-    assert [h.score for h in within_margin(ranked, 8, 0.35, DISTANCES.place)] == [1.4, 1.3, 0.6]
-    close = [placed(0.0, 1.4), placed(5.0, 1.3), placed(9.0, 0.5)]
-    assert [h.score for h in within_margin(close, 8, 0.35, DISTANCES.place)] == [1.4, 1.3]
-    assert [h.score for h in within_margin(ranked, 8, 0.35)] == [1.4, 1.3]
-    assert within_margin([], 8, 0.35, DISTANCES.place) == []
+    assert [h.score for h in within_margin(ranked, 0.35)] == [1.4, 1.3]
+    assert within_margin([], 0.35) == []
 
 
 def test_hypotheses_that_converged_to_one_pose_count_once() -> None:
@@ -95,23 +92,13 @@ def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() 
         assert (one.map_number, one.score, one.color_model) == (2, before.score, "x")
 
 
-def test_as_many_are_kept_as_are_wanted_and_as_fit_into_the_margin() -> None:
-    ranked = [placed(3.0 * k, 1.0 - 0.1 * k) for k in range(6)]
-    assert len(within_margin(ranked, 3, 0.9)) == 3
-    assert [h.score for h in within_margin(ranked, 6, 0.25)] == [1.0, 0.9, 0.8]
-    # Those beyond the wanted number count as elsewhere, too.
-    together = [placed(0.01 * k, 1.0 - 0.1 * k) for k in range(3)]
-    kept = within_margin([*together, placed(9.0, 0.1), placed(19.0, 0.05)], 2, 0.9, DISTANCES.place)
-    assert [h.score for h in kept] == [1.0, 0.9, 0.1]
-
-
-def test_the_best_pose_elsewhere_goes_along_where_it_is_close() -> None:
-    place = PoseDistance(0.5, 15.0)
+def test_the_first_are_kept_and_the_best_one_elsewhere() -> None:
     best, beside, elsewhere = placed(0.0, 1.0), placed(0.2, 0.98), placed(3.0, 0.9)
-    assert with_close_rival([best, beside, elsewhere], 2, 0.25, place) == [best, beside, elsewhere]
-    assert with_close_rival([best, elsewhere, beside], 2, 0.25, place) == [best, elsewhere]
-    assert with_close_rival([best, beside, placed(3.0, 0.7)], 2, 0.25, place) == [best, beside]
-    assert with_close_rival([], 2, 0.25, place) == []
+    others = [placed(0.3, 0.8), placed(6.0, 0.7)]
+    assert first_and_elsewhere([best, beside, elsewhere, *others], 2, DISTANCES.place) == [best, beside, elsewhere]
+    assert first_and_elsewhere([best, elsewhere, beside, *others], 2, DISTANCES.place) == [best, elsewhere]
+    assert first_and_elsewhere([best, beside, others[0]], 2, DISTANCES.place) == [best, beside]
+    assert first_and_elsewhere([], 2, DISTANCES.place) == []
 
 
 def test_places_near_those_that_look_the_same_are_marked_and_the_best_is_not() -> None:

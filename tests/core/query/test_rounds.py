@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from panoloc.core.camera.rig import Rig
-from panoloc.core.config import DISTANCES
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.map.map_index import MapIndex
@@ -57,14 +56,12 @@ def test_panoramas_are_searched_at_once() -> None:
     assert [each.by_lines for each in rounds_of([query("panorama")], SEARCH)] == [False]
 
 
-def test_the_best_are_looked_at_first_with_some_far_from_the_very_best() -> None:
+def test_the_best_are_looked_at_first() -> None:
     searched = propose([query("one photo")], rounds_of([query("one photo")], SEARCH)[0], SEARCH)
     first, rest = searched.portions
-    assert len(first) + len(rest) <= SEARCH.num_candidates
+    assert len(first) == SEARCH.first_portion
+    assert 0 < len(rest) <= SEARCH.num_candidates - len(first)
     assert all(h is not other for h in first for other in rest)
-    far = [h for h in first if not h.is_near(first[0], DISTANCES.elsewhere)]
-    assert SEARCH.first_elsewhere <= len(far)
-    assert SEARCH.first_portion <= len(first) <= SEARCH.first_portion + SEARCH.first_elsewhere
 
 
 # Aliases.

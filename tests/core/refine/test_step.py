@@ -16,12 +16,12 @@ from panoloc.core.image.level import Level
 from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.patches import PatchSums
 from panoloc.core.refine.refinement import CandidatePoints, Refined, refine
-from panoloc.core.refine.step import PoseStep, StepHistory, patch_equations, pose_step
+from panoloc.core.refine.step import PoseStep, patch_equations, pose_step
 from tests.core.other_device import DEVICE, OtherDevice
 from tests.core.painted_box import PaintedBox
 from tests.core.refine.painted_scene import CAMERA, POSITION, ROTATION, level_of, scene
 
-PLAIN = RefinementConfig().step
+PLAIN = replace(RefinementConfig().step, lengthening=1.0)
 CPU = torch.device("cpu")
 LEVEL, POINTS = scene()
 PATCHES = POINTS.patches
@@ -38,11 +38,8 @@ def step_at(
     pose: tuple[Tensor, Tensor],
     points: CandidatePoints = POINTS,
     rules: StepConfig = PLAIN,
-    history: StepHistory | None = None,
 ) -> PoseStep:
-    """Take a step, the first one where there is no history; that is not lengthened."""
-    begun = history or StepHistory.initial(1, 6, rules, CPU)
-    return pose_step(LEVEL, points.planes(), *pose, None, begun, rules, relaxed=history is not None)
+    return pose_step(LEVEL, points.planes(), *pose, None, rules)
 
 
 def level_as(factor: float) -> Level:
@@ -58,7 +55,7 @@ def test_at_the_true_pose_nothing_is_left_to_explain() -> None:
     step = step_at((ROTATION, POSITION))
     beside = step_at(moved((0.0, 0.0, 0.0), (0.1, 0.1, 0.0)))
     assert float(step.equations.loss) < float(beside.equations.loss) / 3 < 1
-    assert float(step.history.step.norm()) < 1e-3
+    assert float(step.step.norm()) < 1e-3
 
 
 @pytest.mark.parametrize("unknown", range(7))
@@ -135,9 +132,9 @@ def test_a_step_solves_the_damped_equations_and_moves_in_the_rigs_frame() -> Non
     equations = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN)
     hessian, gradient = equations.hessian[0].double(), equations.gradient[0].double()
     expected = -torch.linalg.solve(hessian + torch.diag(PLAIN.damping * hessian.diagonal()), gradient)
-    torch.testing.assert_close(step.history.step[0].double(), expected, rtol=1e-3, atol=1e-5)
-    torch.testing.assert_close(step.rotations[0], rotation[0] @ rotation_from_vector(step.history.step[0, :3]))
-    torch.testing.assert_close(step.positions[0], position[0] + rotation[0] @ step.history.step[0, 3:])
+    torch.testing.assert_close(step.step[0].double(), expected, rtol=1e-3, atol=1e-5)
+    torch.testing.assert_close(step.rotations[0], rotation[0] @ rotation_from_vector(step.step[0, :3]))
+    torch.testing.assert_close(step.positions[0], position[0] + rotation[0] @ step.step[0, 3:])
 
 
 @pytest.mark.parametrize("unknowns", [6, 7])
@@ -146,11 +143,11 @@ def test_a_step_that_goes_too_far_is_shortened_as_a_whole(
     turn: float, move: float, factor: float, unknowns: int
 ) -> None:
     pose, level = moved((turn, 0.0, turn), (0.0, move, 0.0)), level_as(factor)
-    begun, bounds = StepHistory.initial(1, unknowns, PLAIN, CPU), FREE if unknowns == 7 else None
+    bounds = FREE if unknowns == 7 else None
 
     def bounded(most_m: float) -> Tensor:
         rules = replace(PLAIN, max_step_m=most_m)
-        return pose_step(level, POINTS.planes(), *pose, torch.zeros(1), begun, rules, False, bounds).history.step[0]
+        return pose_step(level, POINTS.planes(), *pose, torch.zeros(1), rules, bounds).step[0]
 
     free = bounded(99.0)
     # In metres: a turn moves what is seen as far as one and a half times a move, a focal length as far as two.
@@ -159,28 +156,10 @@ def test_a_step_that_goes_too_far_is_shortened_as_a_whole(
     torch.testing.assert_close(bounded(length / 3), free / 3)
 
 
-@pytest.mark.parametrize(
-    ("slope_before", "slope_after", "length"),
-    [
-        (-1.0, -0.5, 3.0),  # half way: twice as long
-        (-1.0, -0.9, 3.0),  # hardly begun: no more than twice at once
-        (-1.0, 0.0, 1.5),  # there
-        (-1.0, 0.5, 1.0),  # beyond: two thirds of it
-        (-1.0, -1.2, 3.0),  # it became steeper
-        (0.0, 0.0, 1.5),  # the first step
-    ],
-)
-def test_steps_are_lengthened_by_what_the_last_one_fell_short(
-    slope_before: float, slope_after: float, length: float
-) -> None:
-    rules, pose = replace(PLAIN, max_relaxation=5.0, max_step_m=99.0), moved(*NEAR)
-    gradient = patch_equations(LEVEL, POINTS.planes(), *pose, rules).gradient
-    last = slope_after * gradient / gradient.square().sum()
-    history = StepHistory(last, torch.tensor([slope_before]), torch.tensor([1.5]))
-    step = step_at(pose, rules=rules, history=history)
-    torch.testing.assert_close(
-        step.history.step, length * step_at(pose, rules=rules).history.step, rtol=1e-3, atol=1e-5
-    )
+def test_steps_are_lengthened_by_a_factor() -> None:
+    pose, plain = moved(*NEAR), replace(PLAIN, max_step_m=99.0)
+    step = step_at(pose, rules=replace(plain, lengthening=1.3)).step
+    torch.testing.assert_close(step, 1.3 * step_at(pose, rules=plain).step)
 
 
 # Light, and what changed.

@@ -1,6 +1,7 @@
 """When candidates stop and which of them are merged, against one candidate and one step at a time."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -9,7 +10,7 @@ from panoloc.core.config import PoseDistance, RefinementConfig, StoppingRule
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
 from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
-from panoloc.core.refine.step import PoseStep, StepHistory, pose_step
+from panoloc.core.refine.step import PoseStep, pose_step
 from tests.core.found_pose import known
 from tests.core.refine.painted_scene import level_of_sphere, painted, painted_sphere
 
@@ -46,15 +47,14 @@ class Alone:
         self.number, self.points = number, points.take(torch.tensor([number])).planes()
         self.rotation, self.position = rotations[one], positions[one]
         self.bounds, self.focal = bounds, None if bounds is None else FOCALS[one]
-        self.history = StepHistory.initial(1, 6 if bounds is None else 7, CONFIG, torch.device("cpu"))
         self.num_steps = 0
         self.last: PoseStep | None = None
 
-    def step(self, relaxed: bool) -> None:
+    def step(self, is_last: bool) -> None:
         pose = self.rotation, self.position, self.focal
-        self.last = pose_step(LEVEL, self.points, *pose, self.history, CONFIG, relaxed, self.bounds)
+        rules = replace(CONFIG, lengthening=1.0) if is_last else CONFIG
+        self.last = pose_step(LEVEL, self.points, *pose, rules, self.bounds)
         self.rotation, self.position, self.focal = self.last.rotations, self.last.positions, self.last.log_focals
-        self.history = self.last.history
         self.num_steps += 1
 
     @property
@@ -71,7 +71,7 @@ def one_by_one(
     resting: list[Alone] = []
     for done in range(1, iterations + 1):
         for each in left:
-            each.step(relaxed=done < iterations)
+            each.step(is_last=done == iterations)
         if done % stop.interval or done == iterations:
             continue
         if stop.merge is not None:
@@ -81,7 +81,7 @@ def one_by_one(
                     kept.append(each)
             left, resting = [each for each in left if each in kept], [each for each in resting if each in kept]
         for each in list(left):
-            step = each.history.step[0]
+            step = known(each.last).step[0]
             if float(step[:3].norm()) < stop.turn_rad and float(step[3:].norm()) < stop.move_m:
                 left.remove(each)
                 resting.append(each)

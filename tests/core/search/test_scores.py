@@ -23,8 +23,7 @@ from panoloc.core.search.every_pose import scores_of_every_pose
 from panoloc.core.search.map_search import patch_scores_of
 from panoloc.core.search.pixel_scores import pixel_scores
 from tests.core.built_maps import BOX, map_of
-from tests.core.image.painted_photos import FOUR, session_of
-from tests.core.search.found_candidates import CONFIG, RIGS, query, query_of
+from tests.core.search.found_candidates import CONFIG, RIGS, query
 
 pytestmark = pytest.mark.slow
 SEARCH = CONFIG.search
@@ -48,15 +47,15 @@ def photos(request: pytest.FixtureRequest) -> DescribedRig:
 
 def test_all_at_once_is_what_each_would_have(photos: DescribedRig) -> None:
     """Of labels, which are not equalized pose by pose, the two are the same number."""
-    found = scores_of_every_pose(photos.pixels, views(), ROTATIONS, True, SEARCH)
-    expected = pixel_scores(photos.pixels, views(), ROTATIONS, *EVERY_POSE, True, SEARCH)
+    found = scores_of_every_pose(photos.pixels, views(), ROTATIONS, True)
+    expected = pixel_scores(photos.pixels, views(), ROTATIONS, *EVERY_POSE, True)
     assert found.shape == (40, len(ROTATIONS))
     torch.testing.assert_close(found.flatten(), expected, atol=2e-4, rtol=0)
 
 
 def test_one_table_for_the_map_ranks_nearly_as_one_for_each_pose(photos: DescribedRig) -> None:
-    found = scores_of_every_pose(photos.pixels, views(), ROTATIONS, False, SEARCH).flatten()
-    expected = pixel_scores(photos.pixels, views(), ROTATIONS, *EVERY_POSE, False, SEARCH)
+    found = scores_of_every_pose(photos.pixels, views(), ROTATIONS, False).flatten()
+    expected = pixel_scores(photos.pixels, views(), ROTATIONS, *EVERY_POSE, False)
     assert float(torch.corrcoef(torch.stack((found, expected)))[0, 1]) > 0.9
 
 
@@ -103,15 +102,3 @@ def test_a_panorama_is_described_as_the_views_of_a_map_are(labels: bool) -> None
     at = halved.numbers.tolist().index(5)
     torch.testing.assert_close(halved.values[at], mean, atol=2e-4, rtol=1e-3)
     assert float(halved.weights[at]) == pytest.approx(float(weights[0, last].sum()), abs=1e-3)
-
-
-def test_of_many_patches_some_all_over_the_images_are_compared() -> None:
-    described = query_of(session_of(FOUR)).rig.described
-    basis = torch.eye(2 * CONFIG.descriptors.bins**3)
-    few = described.patches(basis)
-    assert len(few.numbers) == len(set(few.numbers.tolist())) == SEARCH.most_patches
-    assert float(few.weights.sum()) == pytest.approx(1.0, abs=1e-5)
-    centers = few.grid.centers()[few.numbers]
-    for image in session_of(FOUR).images:
-        axis = torch.from_numpy(image.session_from_camera.rotation[:, 0]).float()
-        assert int((centers @ axis > 0.9).sum()) >= 6
