@@ -116,7 +116,7 @@ class DescribedPatches:
     def towards(self, rotations: Tensor) -> Tensor:
         """Return the patch (R, Q) of a view that each patch lies on under rotations (R, 3, 3) map_from_rig (paper, Eq. 1)."""
         centers = self.grid.centers(rotations.device)[self.numbers]
-        return self.grid.nearest_patch(torch.einsum("rab,qb->rqa", rotations, centers))
+        return self.grid.patch_of_direction(torch.einsum("rab,qb->rqa", rotations, centers))
 
 
 def patch_scores(patches: DescribedPatches, views: ViewDescriptors, rotations: Tensor) -> Tensor:
