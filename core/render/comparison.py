@@ -16,7 +16,7 @@ from panoloc.core.geometry.sphere_window import window_around
 from panoloc.core.image.level import VALID_SHARE, Level
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts
-from panoloc.core.render.synthetic_view import SyntheticViews, render_parts
+from panoloc.core.render.synthetic_view import SyntheticViews, render_views
 
 _NEAR_M = 1.0  # what an image shows is hardly nearer; parallax widens what must be drawn by no more
 
@@ -83,7 +83,7 @@ class RigView:
         axes = torch.einsum("kab,mb->kma", rotations, self.pyramid.rotations[:, :, 0])
         window = self._window.at(rows)
         parts = ViewParts(rotations @ self.rig_from_view, window, axes, self._half_angles)
-        views = render_parts(cloud, positions, parts, with_points)
+        views = render_views(cloud, positions, parts, with_points)
         seen, image = self._look_up(views, rows, log_focals)
         weights = views.valid.flatten(1) * window.solid_angles(positions.device) * (image >= 0)
         scan, tables = views.color.flatten(1, 2), None

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import RENDERING
-from panoloc.core.geometry.projection import project
+from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts, drawn_points
 
@@ -72,23 +72,15 @@ def num_levels(height: int) -> int:
     return max(1, int(math.log2(height / 8)) + 1)
 
 
-def render_views(cloud: RenderCloud, centers: Tensor, height: int, with_points: bool = True) -> SyntheticViews:
-    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` rows and twice as many columns.
-
-    with_points: also find the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
-    """
-    return _render(cloud, centers, SphereWindow.of_sphere(height), None, with_points)
-
-
-def render_parts(cloud: RenderCloud, centers: Tensor, parts: ViewParts, with_points: bool = True) -> SyntheticViews:
-    """Render of the views from the centers (B, 3) the parts that are wanted, in axes of their own; the rest as of `render_views`."""
-    return _render(cloud, centers, parts.window, parts, with_points)
-
-
-def _render(
-    cloud: RenderCloud, centers: Tensor, window: SphereWindow, parts: ViewParts | None, with_points: bool
+def render_views(
+    cloud: RenderCloud, centers: Tensor, wanted: int | ViewParts, with_points: bool = True
 ) -> SyntheticViews:
-    """Draw the points of each view, the nearest in front; parts: None where all of the sphere is drawn, in axes parallel to the map's."""
+    """Render the cloud from each of the centers (B, 3) in metres.
+
+    wanted: rows of images of the whole sphere, in axes parallel to the map's, or parts of it in axes of their own. with_points: also find
+    the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
+    """
+    window, parts = (SphereWindow.of_sphere(wanted), None) if isinstance(wanted, int) else (wanted.window, wanted)
     shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels(window.rows))]
     offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()
     drawn = drawn_points(cloud, centers, window, parts)
@@ -132,9 +124,7 @@ def visible_points(relative: Tensor, spacing: float, depth: Tensor) -> tuple[Ten
 
     relative: (N, 3), metres from the view, in its axes. spacing: of the scan, metres.
     """
-    height, width = depth.shape
-    u, v = project(relative, height, width)
-    pixel = v.long().clamp(0, height - 1) * width + u.long().clamp(0, width - 1)
+    pixel = pixels_towards(relative, len(depth))
     limit = depth.flatten()[pixel] * (1 + RENDERING.slack_share) + RENDERING.slack_spacings * spacing
     visible: Tensor = relative.norm(dim=-1) <= limit
     return pixel, visible

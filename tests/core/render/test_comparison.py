@@ -14,7 +14,7 @@ from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.comparison import Comparison, RigView
-from panoloc.core.render.synthetic_view import render_parts
+from panoloc.core.render.synthetic_view import render_views
 from tests.core.built_maps import BOX, POSE, map_of, panorama, rig_of, tensors_of
 from tests.core.found_pose import known
 from tests.core.image.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, UPRIGHT, rig_pose, session_of
@@ -96,7 +96,7 @@ def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_sh
     everything = replace(
         parts, window=SphereWindow.of_sphere(HEIGHT), half_angles=torch.full_like(parts.half_angles, 4.0)
     )
-    whole = render_parts(cloud, positions, everything)
+    whole = render_views(cloud, positions, everything)
     drawn = views.on_sphere()
     inside = SphereWindow.on_sphere(parts.window, torch.ones(1, parts.window.height * parts.window.width))[0] > 0
     inside = inside.view(HEIGHT, 2 * HEIGHT)
