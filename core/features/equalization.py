@@ -26,31 +26,8 @@ def equalize(color: Tensor, weights: Tensor) -> Tensor:
 
 def equalization_tables(color: Tensor, weights: Tensor) -> Tensor:
     """Return the look-up tables (B, 3, 256) float32 that `equalize` applies."""
-    batch = len(color)
-    level = quantized(color)
-    histogram = torch.zeros((batch, 3, _LEVELS), device=color.device)
-    histogram.scatter_add_(2, level.transpose(1, 2), weights[:, None].expand(-1, 3, -1).contiguous())
-    return _tables_of(histogram)
-
-
-def equalize_where(color: Tensor, weights: Tensor, where: Tensor) -> tuple[Tensor, Tensor]:
-    """Equalize only the pixels in `where` (B, P) bool, outside of which all weights are zero; the others become zero.
-
-    Returns (B, P, 3) and the look-up tables (B, 3, 256). A photo fills a twelfth of its sphere, and the rest costs as much as the photo.
-    """
-    batch, pixel = where.nonzero(as_tuple=True)
-    channel = torch.arange(3, device=color.device)
-    slot = (batch[:, None] * 3 + channel) * _LEVELS + quantized(color[batch, pixel])
-    histogram = torch.zeros(len(color) * 3 * _LEVELS, device=color.device)
-    histogram.index_add_(0, slot.flatten(), weights[batch, pixel, None].expand(-1, 3).flatten())
-    tables = _tables_of(histogram.view(-1, 3, _LEVELS))
-    equalized = torch.zeros_like(color)
-    equalized[batch, pixel] = tables.flatten()[slot]
-    return equalized, tables
-
-
-def _tables_of(histogram: Tensor) -> Tensor:
-    """Return the weighted share of what is darker (..., 256) by level, of histograms; the level itself counts half."""
+    histogram = torch.zeros((len(color), 3, _LEVELS), device=color.device)
+    histogram.scatter_add_(2, quantized(color).transpose(1, 2), weights[:, None].expand(-1, 3, -1).contiguous())
     cumulative = histogram.cumsum(-1)
     return (cumulative - histogram / 2) / cumulative[..., -1:].clamp_min(1e-12)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from panoloc.core.features.equalization import equalize_where
+from panoloc.core.features.equalization import apply_tables, equalization_tables, equalize
 from panoloc.core.geometry.sphere_window import window_around
 from panoloc.core.image.level import VALID_SHARE, Level
 from panoloc.core.image.rig_pyramid import RigPyramid
@@ -88,8 +88,8 @@ class RigView:
         weights = views.valid.flatten(1) * window.solid_angles(positions.device) * (image >= 0)
         scan, tables = views.color.flatten(1, 2), None
         if self.pyramid.labels is None:
-            scan, _ = equalize_where(scan, weights, views.valid.flatten(1))
-            seen, tables = equalize_where(seen, weights, image >= 0)
+            scan, tables = equalize(scan, weights), equalization_tables(seen, weights)
+            seen = apply_tables(seen, tables)
         return Comparison(scan, seen, weights, tables, views, image)
 
     def _look_up(self, views: SyntheticViews, rows: int, log_focals: Tensor | None) -> tuple[Tensor, Tensor]:
