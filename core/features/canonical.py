@@ -50,7 +50,7 @@ class CanonicalColors:
         """Return the packed local contrast (3, H, W) in 0..1, as `panoloc.core.features.local_contrast` has it for a sphere."""
         means = self._surroundings()
         around = [
-            enlarged(mean[None], (window.valid.shape[0], window.valid.shape[1]), window.is_round)[0]
+            enlarged(mean[None], (window.valid.shape[0], window.valid.shape[1]), window.place.is_round)[0]
             for mean, window in zip(means, windows.each, strict=True)
         ]
         logarithms = (windows.color + CONTRAST.darkest).log_()

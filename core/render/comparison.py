@@ -14,6 +14,7 @@ from torch import Tensor
 from panoloc.core.features.equalization import apply_tables, equalization_tables, equalize
 from panoloc.core.geometry.sphere_window import window_around
 from panoloc.core.image.level import VALID_SHARE, Level
+from panoloc.core.image.photo_window import EXTENT_ROWS
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts
 from panoloc.core.render.synthetic_view import SyntheticViews, render_views
@@ -56,7 +57,8 @@ class RigView:
         self.pyramid = pyramid
         parallax = torch.asin((pyramid.centers.norm(dim=-1) / _NEAR_M).clamp(max=1.0))
         self._half_angles = (pyramid.cones + parallax).clamp(max=math.pi)
-        x, y, z = pyramid.shown_directions().unbind(-1)
+        extent = pyramid.windows(EXTENT_ROWS)
+        x, y, z = extent.rig_directions[extent.valid > 0].unbind(-1)
         margin = math.radians(margin_deg) + float(parallax.max())
         turn, self._window = window_around(torch.atan2(y, x), torch.asin(z.clamp(-1, 1)), margin)
         around = torch.tensor(
