@@ -12,7 +12,7 @@ queries with equalised colours, 83 % with raw colours, 91 % with gains; one mode
 import torch
 from torch import Tensor
 
-_LEVELS = 256
+_BRIGHTEST = torch.iinfo(torch.uint8).max  # files have colours of 8 bits
 
 
 def equalize(color: Tensor, weights: Tensor) -> Tensor:
@@ -26,7 +26,7 @@ def equalize(color: Tensor, weights: Tensor) -> Tensor:
 
 def equalization_tables(color: Tensor, weights: Tensor) -> Tensor:
     """Return the look-up tables (B, 3, 256) float32 that `equalize` applies."""
-    histogram = torch.zeros((len(color), 3, _LEVELS), device=color.device)
+    histogram = torch.zeros((len(color), 3, _BRIGHTEST + 1), device=color.device)
     histogram.scatter_add_(2, quantized(color).transpose(1, 2), weights[:, None].expand(-1, 3, -1).contiguous())
     cumulative = histogram.cumsum(-1)
     return (cumulative - histogram / 2) / cumulative[..., -1:].clamp_min(1e-12)
@@ -40,4 +40,4 @@ def apply_tables(color: Tensor, tables: Tensor) -> Tensor:
 
 def quantized(color: Tensor) -> Tensor:
     """Return the level of 256, int64, that each colour in 0..1 is nearest to."""
-    return (color * (_LEVELS - 1)).round().long().clamp_(0, _LEVELS - 1)
+    return (color * _BRIGHTEST).round().long().clamp_(0, _BRIGHTEST)

@@ -23,7 +23,6 @@ from panoloc.core.image.level import Level
 from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
 
 _COARSE_ROWS = 32  # of the windows that tell roughly what images show; those of `EXTENT_ROWS` tell it
-_SHARE_DIRECTIONS = 8192
 
 
 @dataclass(frozen=True)
@@ -191,7 +190,8 @@ class RigPyramid:
     @cached_property
     def share(self) -> float:
         """Return the share of the sphere, 0..1, that all images together show, overlaps counted once."""
-        return float(self.sees(even_directions(_SHARE_DIRECTIONS).to(self.rotations.device)).float().mean())
+        everywhere = even_directions(2 * (EXTENT_ROWS // 2) ** 2)  # as many as a sphere of half these rows has pixels
+        return float(self.sees(everywhere.to(self.rotations.device)).float().mean())
 
     def sees(self, directions: Tensor) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
