@@ -24,7 +24,7 @@ _NEAR_M = 1.0  # what an image shows is hardly nearer; parallax widens what must
 
 @dataclass(frozen=True)
 class Comparison:
-    """The scan rendered at K poses beside a rig's images, over the S pixels of the window of `views.parts`, in the axes there.
+    """The scan rendered at K poses beside a rig's images, over the S pixels of the window of `views`, in the axes there.
 
     scan, seen: (K, S, 3) canonical colours. weights: (K, S) solid angle, zero where either is missing. tables: (K, 3, 256) equalization of
     the images over those pixels, None for labels. views: what was rendered. image: (K, S) int64, which image of the rig a pixel is
@@ -41,8 +41,6 @@ class Comparison:
     def on_sphere(self) -> "Comparison":
         """Return it with pixels of the whole sphere, in the same axes, of which those beyond the part that was compared weigh nothing."""
         window = self.views.window
-        if window.is_whole:
-            return self
         scan, seen, weights = (window.on_sphere(each) for each in (self.scan, self.seen, self.weights))
         return Comparison(scan, seen, weights, self.tables, self.views.on_sphere(), window.on_sphere(self.image, -1))
 

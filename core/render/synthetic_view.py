@@ -11,7 +11,7 @@ lattice through which the next room shines, and black pixels count as missing. H
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -27,44 +27,30 @@ RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 @dataclass(frozen=True)
 class SyntheticViews:
-    """Views rendered from B positions, axes parallel to the map's, or those of the `parts` that were drawn.
+    """Views rendered from B positions, axes parallel to the map's or those of the parts that were drawn.
 
-    color: (B, H, W, C) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
-    valid: (B, H, W) bool. point: (B, H, W) int64, the number of the visible point
-    nearest to each pixel's centre, −1 where no point fell; empty where points were not asked for.
+    color: (B, H, W, C) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen. valid: (B, H, W) bool. point:
+    (B, H, W) int64, the number of the visible point nearest to each pixel's centre, −1 where no point fell; empty where points were not
+    asked for. window: which part of the sphere the images show. map_from_view: (B, 3, 3), the axes.
     """
 
     color: Tensor
     depth: Tensor
     valid: Tensor
     point: Tensor
-    parts: ViewParts | None = None
-
-    @property
-    def window(self) -> SphereWindow:
-        """Return which part of the sphere the images show."""
-        return SphereWindow.of_sphere(self.depth.shape[1]) if self.parts is None else self.parts.window
-
-    @property
-    def map_from_view(self) -> Tensor:
-        """Return the axes of the views, (B, 3, 3)."""
-        if self.parts is not None:
-            return self.parts.rotations
-        return torch.eye(3, device=self.depth.device).expand(len(self.depth), 3, 3)
+    window: SphereWindow
+    map_from_view: Tensor
 
     def on_sphere(self) -> "SyntheticViews":
         """Return images of the whole sphere, in the same axes, on which nothing was seen beyond the part that was drawn."""
-        window, parts = self.window, self.parts
-        if parts is None or window.is_whole:
-            return self
-        sphere = SphereWindow.of_sphere(window.rows)
+        window, sphere = self.window, SphereWindow.of_sphere(self.window.rows)
         color, depth, valid, point = (
             window.on_sphere(image.flatten(1, 2), missing).view(-1, sphere.height, sphere.width, *image.shape[3:])
             if len(image)
             else image
             for image, missing in ((self.color, 0.0), (self.depth, math.inf), (self.valid, False), (self.point, -1))
         )
-        return SyntheticViews(color, depth, valid, point, replace(parts, window=sphere))
+        return SyntheticViews(color, depth, valid, point, sphere, self.map_from_view)
 
 
 def num_levels(height: int) -> int:
@@ -80,7 +66,11 @@ def render_views(
     wanted: rows of images of the whole sphere, in axes parallel to the map's, or parts of it in axes of their own. with_points: also find
     the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
     """
-    window, parts = (SphereWindow.of_sphere(wanted), None) if isinstance(wanted, int) else (wanted.window, wanted)
+    if isinstance(wanted, int):
+        window, parts = SphereWindow.of_sphere(wanted), None
+        map_from_view = torch.eye(3, device=centers.device).expand(len(centers), 3, 3)
+    else:
+        window, parts, map_from_view = wanted.window, wanted, wanted.rotations
     shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels(window.rows))]
     offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()
     drawn = drawn_points(cloud, centers, window, parts)
@@ -100,11 +90,11 @@ def render_views(
     sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
     color, valid = _compose_color(_levels(sums, shapes))
     if not with_points:
-        return SyntheticViews(color, depth, valid, drawn.number[:0], parts)
+        return SyntheticViews(color, depth, valid, drawn.number[:0], window, map_from_view)
     u, v, pixel = (part.index_select(0, visible) for part in (drawn.u, drawn.v, drawn.pixel))
     # What fills up the last run lies where its last point does.
     number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), depth.numel())
-    return SyntheticViews(color, depth, valid, number.view(depth.shape), parts)
+    return SyntheticViews(color, depth, valid, number.view(depth.shape), window, map_from_view)
 
 
 def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixels: int) -> Tensor:
