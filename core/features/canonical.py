@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import CONTRAST
-from panoloc.core.features.equalization import apply_tables, equalization_tables
+from panoloc.core.features.equalization import apply_tables, equalize
 from panoloc.core.features.local_contrast import enlarged, mean_around, weights_between
 from panoloc.core.image.level import Level
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
@@ -43,14 +43,14 @@ class CanonicalColors:
         """Return packed colours (3, H, W) equalized over all valid pixels of all images."""
         if self.is_labels:
             return windows.color
-        flat, weights = windows.color.flatten(1).T[None], windows.weights.flatten()[None]
-        return apply_tables(flat, equalization_tables(flat, weights))[0].T.reshape(windows.color.shape)
+        equalized = equalize(windows.color.flatten(1).T[None], windows.weights.flatten()[None])
+        return equalized[0].T.reshape(windows.color.shape)
 
     def contrast(self, windows: Windows) -> Tensor:
         """Return the packed local contrast (3, H, W) in 0..1, as `panoloc.core.features.local_contrast` has it for a sphere."""
         means = self._surroundings()
         around = [
-            enlarged(mean[None], (window.valid.shape[0], window.valid.shape[1]), window.is_round)[0]
+            enlarged(mean[None], (window.valid.shape[0], window.valid.shape[1]), window.place.is_round)[0]
             for mean, window in zip(means, windows.each, strict=True)
         ]
         logarithms = (windows.color + CONTRAST.darkest).log_()

@@ -22,8 +22,6 @@ from panoloc.core.features.patch_descriptors import (
 from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.features.patch_histograms import described_histograms
 
-_VIEWS_AT_ONCE = 256
-
 
 @dataclass(frozen=True)
 class DescribedViews:
@@ -47,34 +45,26 @@ class DescribedViews:
         return PatchGrid(rows, 2 * rows)
 
     def descriptors(self, halvings: int = 0) -> ViewDescriptors:
-        """Return the descriptors as numbers, of patches taken together in squares of 2 ^ `halvings` a side; those are kept."""
+        """Return the descriptors as numbers, of patches taken together in squares of 2 ^ `halvings` a side, up to 2; those are kept."""
         if halvings:
-            return self._halved if halvings == 1 else self._quartered
+            return self._pooled[halvings - 1]
         values = self.steps.float() * self.scale[:, None, None]
         return ViewDescriptors(values, self.basis, self.weights.float())
 
     @cached_property
-    def _halved(self) -> ViewDescriptors:
-        return _pooled_by_parts([part.descriptors() for part in self._parts()])
-
-    @cached_property
-    def _quartered(self) -> ViewDescriptors:
-        return _pooled_by_parts([self._halved])
+    def _pooled(self) -> tuple[ViewDescriptors, ViewDescriptors]:
+        with torch.inference_mode(False):  # they outlive the query that asked for them first
+            fine = self.descriptors()
+            halved = pooled(fine.values, fine.weights)
+            values, weights = pooled(*halved)
+            return ViewDescriptors(halved[0], self.basis, halved[1]), ViewDescriptors(values, self.basis, weights)
 
     @cached_property
     def spreads(self) -> Tensor:
         """Return how the descriptors of each view spread, (T, D, D): Σ w v vᵀ over its patches."""
         with torch.inference_mode(False):  # they outlive the query that asked for them first
-            parts = (part.descriptors() for part in self._parts())
-            return torch.cat([(part.values * part.weights[..., None]).mT @ part.values for part in parts])
-
-    def _parts(self) -> "list[DescribedViews]":
-        device = self.scale.device
-        firsts = range(0, len(self.steps), _VIEWS_AT_ONCE)
-        return [
-            self.take(torch.arange(first, min(first + _VIEWS_AT_ONCE, len(self.steps)), device=device))
-            for first in firsts
-        ]
+            fine = self.descriptors()
+            return (fine.values * fine.weights[..., None]).mT @ fine.values
 
     def take(self, keep: Tensor) -> "DescribedViews":
         """Return the views numbered `keep`."""
@@ -95,14 +85,6 @@ class DescribedViews:
         return int(added + sum(tensor.numel() * tensor.element_size() for tensor in tensors))
 
 
-def _pooled_by_parts(parts: list[ViewDescriptors]) -> ViewDescriptors:
-    with torch.inference_mode(False):
-        halved = [pooled(part.values, part.weights) for part in parts]
-        return ViewDescriptors(
-            torch.cat([values for values, _ in halved]), parts[0].basis, torch.cat([weights for _, weights in halved])
-        )
-
-
 @dataclass(frozen=True)
 class RenderedViews:
     """Views of a batch: color (B, H, W, 3) in 0..1, canonical (B, H W, 3), valid (B, H, W) bool, weights (B, H, W) solid angles."""
@@ -121,7 +103,7 @@ class ViewCollector:
         self._grid = PatchGrid(config.patch_rows, 2 * config.patch_rows)
         self._solid_angles = self._grid.solid_angles(sample.color.device)
         roots, _ = centered_roots(self._histograms(sample), self._solid_angles)
-        self._basis = principal_basis(roots, config.size, roots.shape[0] * roots.shape[1])
+        self._basis = principal_basis(roots, config.size)
         self._parts: list[DescribedViews] = []
 
     def add(self, views: RenderedViews) -> None:

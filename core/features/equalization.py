@@ -12,7 +12,7 @@ queries with equalised colours, 83 % with raw colours, 91 % with gains; one mode
 import torch
 from torch import Tensor
 
-_LEVELS = 256
+_BRIGHTEST = torch.iinfo(torch.uint8).max  # files have colours of 8 bits
 
 
 def equalize(color: Tensor, weights: Tensor) -> Tensor:
@@ -26,70 +26,18 @@ def equalize(color: Tensor, weights: Tensor) -> Tensor:
 
 def equalization_tables(color: Tensor, weights: Tensor) -> Tensor:
     """Return the look-up tables (B, 3, 256) float32 that `equalize` applies."""
-    batch = len(color)
-    level = _quantize(color)
-    histogram = torch.zeros((batch, 3, _LEVELS), device=color.device)
-    histogram.scatter_add_(2, level.transpose(1, 2), weights[:, None].expand(-1, 3, -1).contiguous())
-    return _tables_of(histogram)
-
-
-def equalize_where(color: Tensor, weights: Tensor, where: Tensor) -> tuple[Tensor, Tensor]:
-    """Equalize only the pixels in `where` (B, P) bool, outside of which all weights are zero; the others become zero.
-
-    Returns (B, P, 3) and the look-up tables (B, 3, 256). A photo fills a twelfth of its sphere, and the rest costs as much as the photo.
-    """
-    batch, pixel = where.nonzero(as_tuple=True)
-    channel = torch.arange(3, device=color.device)
-    slot = (batch[:, None] * 3 + channel) * _LEVELS + _quantize(color[batch, pixel])
-    histogram = torch.zeros(len(color) * 3 * _LEVELS, device=color.device)
-    histogram.index_add_(0, slot.flatten(), weights[batch, pixel, None].expand(-1, 3).flatten())
-    tables = _tables_of(histogram.view(-1, 3, _LEVELS))
-    equalized = torch.zeros_like(color)
-    equalized[batch, pixel] = tables.flatten()[slot]
-    return equalized, tables
-
-
-def _tables_of(histogram: Tensor) -> Tensor:
-    """Return the weighted share of what is darker (..., 256) by level, of histograms; the level itself counts half."""
+    histogram = torch.zeros((len(color), 3, _BRIGHTEST + 1), device=color.device)
+    histogram.scatter_add_(2, quantized(color).transpose(1, 2), weights[:, None].expand(-1, 3, -1).contiguous())
     cumulative = histogram.cumsum(-1)
     return (cumulative - histogram / 2) / cumulative[..., -1:].clamp_min(1e-12)
 
 
 def apply_tables(color: Tensor, tables: Tensor) -> Tensor:
     """Return colours (B, P, 3) looked up in tables (B, 3, 256)."""
-    level = _quantize(color).transpose(1, 2)
+    level = quantized(color).transpose(1, 2)
     return torch.gather(tables, 2, level).transpose(1, 2)
 
 
-def transport(source: Tensor, source_weights: Tensor, target: Tensor, target_weights: Tensor) -> Tensor:
-    """Match the colour distribution of `source` (P, 3) to that of `target` (N, 3), per channel, by 1-D optimal transport.
-
-    Values in 0..1, weights (P,) and (N,). Paper: §3.1 and supplement, table 1 (CDF matching).
-    """
-    rank = equalize(source[None], source_weights[None])[0]
-    level = _quantize(target)
-    histogram = torch.zeros((3, _LEVELS), device=source.device)
-    histogram.scatter_add_(1, level.T, target_weights[None].expand(3, -1).contiguous())
-    cumulative = histogram.cumsum(-1)
-    middle = (cumulative - histogram / 2) / cumulative[:, -1:].clamp_min(1e-12)
-    # Levels that no target point has would make the inverse flat; only occupied levels carry the map.
-    channels = []
-    for channel in range(3):
-        occupied = histogram[channel] > 0
-        levels = occupied.nonzero()[:, 0].float() / (_LEVELS - 1)
-        channels.append(_interpolate(rank[:, channel], middle[channel][occupied], levels))
-    return torch.stack(channels, dim=-1)
-
-
-def _interpolate(x: Tensor, knots: Tensor, values: Tensor) -> Tensor:
-    """Interpolate `values` at ascending `knots` linearly, constant beyond the ends."""
-    if len(knots) == 1:
-        return values.expand_as(x)
-    right = torch.searchsorted(knots, x.contiguous()).clamp(1, len(knots) - 1)
-    left = right - 1
-    share = ((x - knots[left]) / (knots[right] - knots[left]).clamp_min(1e-12)).clamp(0, 1)
-    return values[left] + share * (values[right] - values[left])
-
-
-def _quantize(color: Tensor) -> Tensor:
-    return (color * (_LEVELS - 1)).round().long().clamp_(0, _LEVELS - 1)
+def quantized(color: Tensor) -> Tensor:
+    """Return the level of 256, int64, that each colour in 0..1 is nearest to."""
+    return (color * _BRIGHTEST).round().long().clamp_(0, _BRIGHTEST)

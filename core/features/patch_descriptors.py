@@ -69,12 +69,10 @@ def _centered(values: Tensor, weights: Tensor) -> Tensor:
     return (values - mean) * (weights > 0)[..., None]
 
 
-def principal_basis(roots: Tensor, size: int, sample: int) -> Tensor:
-    """Return the (bins³, size) orthonormal directions along which centred roots (V, P, bins³) vary most, told from `sample` patches."""
-    flat = roots.flatten(0, 1)
-    flat = flat[:: max(1, len(flat) // sample)]
+def principal_basis(roots: Tensor, size: int) -> Tensor:
+    """Return the (bins³, size) orthonormal directions along which centred roots (V, P, bins³) vary most."""
     # Solved in double precision: bins that no patch uses make the matrix singular, and single precision then returns NaN at times.
-    spread = _products(flat).double()
+    spread = _products(roots.flatten(0, 1)).double()
     # Of a scan in greys nine in ten bins are empty: of so many equal eigenvalues the solver finds no order, unless each gets one.
     order = torch.linspace(
         0, _ORDER * float(spread.diagonal().max()), len(spread), dtype=spread.dtype, device=spread.device
@@ -116,7 +114,7 @@ class DescribedPatches:
     def towards(self, rotations: Tensor) -> Tensor:
         """Return the patch (R, Q) of a view that each patch lies on under rotations (R, 3, 3) map_from_rig (paper, Eq. 1)."""
         centers = self.grid.centers(rotations.device)[self.numbers]
-        return self.grid.nearest_patch(torch.einsum("rab,qb->rqa", rotations, centers))
+        return self.grid.patch_of_direction(torch.einsum("rab,qb->rqa", rotations, centers))
 
 
 def patch_scores(patches: DescribedPatches, views: ViewDescriptors, rotations: Tensor) -> Tensor:

@@ -8,23 +8,11 @@ from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.features.patch_grid import PatchGrid
 
 
-def hard_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: int, bins: int) -> Tensor:
-    """Return normalised joint histograms (V, P, bins³), each pixel in the one bin it falls into (the paper's definition).
-
-    color: (V, S, 3) in 0..1; weights: (V, S) >= 0, zero where missing; patch: (S,) the patch of each pixel.
-    A patch without a valid pixel has the zero histogram.
-    """
-    cell = (color * bins).long().clamp_(0, bins - 1)
-    index = (cell[..., 0] * bins + cell[..., 1]) * bins + cell[..., 2]
-    histogram = torch.zeros((len(color), num_patches * bins**3), device=color.device)
-    histogram.scatter_add_(1, patch * bins**3 + index, weights)
-    return _normalize(histogram.view(len(color), num_patches, -1))
-
-
 def soft_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: int, bins: int) -> Tensor:
     """Return normalised joint histograms (V, P, bins³), each pixel shared trilinearly between the bins around it.
 
-    Arguments as in `hard_histograms`. Deviation: a colour at the edge of a bin jumps with the least noise or change of
+    color: (V, S, 3) in 0..1; weights: (V, S) >= 0, zero where missing; patch: (V, S) the patch of each pixel.
+    A patch without a valid pixel has the zero histogram. Deviation: a colour at the edge of a bin jumps with the least noise or change of
     light when bins are hard; the right start was first in 0.44 of the hardest shared queries with hard bins, in 0.62 with shared ones.
     """
     position = (color * bins - 0.5).clamp_(0, bins - 1)
@@ -40,11 +28,8 @@ def soft_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: 
                 for axis, high in enumerate((red, green, blue)):
                     part = part * (share[..., axis] if high else 1 - share[..., axis])
                 histogram.scatter_add_(1, first + ((red * bins + green) * bins + blue), part)
-    return _normalize(histogram.view(len(color), num_patches, -1))
-
-
-def _normalize(histogram: Tensor) -> Tensor:
-    return histogram.div_(histogram.sum(-1, keepdim=True).clamp_min(1e-12))  # its callers have just made it
+    histogram = histogram.view(len(color), num_patches, -1)
+    return histogram.div_(histogram.sum(-1, keepdim=True).clamp_min(1e-12))
 
 
 def described_histograms(

@@ -16,12 +16,6 @@ from panoloc.core.geometry.pose import matrix_from_quaternion
 # Roots used by the spiral: φ = √2 and ψ with ψ⁴ = ψ + 4 (Alexa 2022, §3).
 _PHI = math.sqrt(2.0)
 _PSI = 1.533751168755204288118041
-# The matrices of v -> e x v for the three axes e, one row each.
-_GENERATORS = (
-    (0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0),
-    (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0),
-    (0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-)
 
 
 def uniform_rotations(count: int) -> Tensor:
@@ -42,18 +36,13 @@ def rotation_spacing(count: int) -> float:
 def rotation_from_vector(vector: Tensor) -> Tensor:
     """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (exponential map)."""
     angle = vector.norm(dim=-1)[..., None, None]
-    cross = (vector @ _generators(vector.dtype, str(vector.device))).reshape(*vector.shape, 3)
+    axes = torch.eye(3, dtype=vector.dtype, device=vector.device).expand(*vector.shape, 3)
+    cross = torch.linalg.cross(vector[..., None], axes, dim=-2)
     # Rodrigues: 1 + sin a / a [v] + (1 - cos a) / a² [v]²; both quotients are smooth where the angle vanishes.
     first, second = torch.sinc(angle / math.pi), torch.sinc(angle / (2 * math.pi)).square() / 2
     result: Tensor = first * cross + second * (cross @ cross)
     torch.diagonal(result, dim1=-2, dim2=-1).add_(1)
     return result
-
-
-@lru_cache(maxsize=8)
-def _generators(dtype: torch.dtype, device: str) -> Tensor:
-    with torch.inference_mode(False):  # they outlive the query that asked for them first
-        return torch.tensor(_GENERATORS, dtype=dtype).to(device)
 
 
 @lru_cache(maxsize=4)

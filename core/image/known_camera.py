@@ -24,8 +24,20 @@ _PLAUSIBLE_MM = (4.0, 2000.0)
 _UNREADABLE = (OSError, SyntaxError, ValueError, TypeError, EOFError, ZeroDivisionError)
 
 
+@dataclass(frozen=True)
+class Crop:
+    """GPano crop fields in pixels of the full sphere."""
+
+    full_width: int
+    full_height: int
+    left: int
+    top: int
+    width: int
+    height: int
+
+
 def check_known_cameras(images: Sequence[Image.Image], files: Sequence[bytes]) -> None:
-    """Refuse JPEG files that say nothing of their camera before they wait. Raises as `crop_fields` does, and PanoramaShapeError.
+    """Refuse JPEG files that say nothing of their camera before they wait. Raises as `known_camera` does.
 
     images: opened, without a camera that the caller describes, each of the bytes of a file. Others are left to the reader: whether a PNG
     says more, only its end tells.
@@ -33,13 +45,28 @@ def check_known_cameras(images: Sequence[Image.Image], files: Sequence[bytes]) -
     for number, (image, data) in enumerate(zip(images, files, strict=True), 1):
         if image.format == "JPEG":
             with numbered(number, len(images)):
-                size = upright_size(image)
-                if (
-                    crop_fields(image, data) is None
-                    and not is_full_sphere(size)
-                    and camera_of_photo(image, size) is None
-                ):
-                    raise no_camera_error(size)
+                known_camera(image, data)
+
+
+def known_camera(image: Image.Image, data: bytes) -> Camera | Crop | None:
+    """Return the GPano crop of a panorama, or the pinhole camera that the EXIF data of a photo describe; None of a full sphere.
+
+    data: the file. Raises as `crop_fields` and `upright_size` do, and PanoramaShapeError where the file says nothing of its camera.
+    """
+    width, height = upright_size(image)
+    crop = crop_fields(image, data)
+    if crop is not None or is_full_sphere((width, height)):
+        return crop
+    (focal_mm,) = _numbers(image, _FOCAL_LENGTH_35MM)
+    if _PLAUSIBLE_MM[0] <= focal_mm <= _PLAUSIBLE_MM[1]:  # false for NaN; writers put 0 for "unknown"
+        focal_px = focal_mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
+        return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)
+    raise PanoramaShapeError(
+        f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) without "
+        "camera data; for a panorama, export the full sphere, or keep the GPano crop fields of a partial one; for a "
+        "photo, keep the EXIF data (focal length in 35 mm terms), or send options.cameras with a model and its "
+        "intrinsics or hfov_deg (--hfov 69); for an unknown field of view, send bounds: hfov_range_deg (--hfov 45-90)"
+    )
 
 
 def upright_size(image: Image.Image) -> tuple[int, int]:
@@ -57,16 +84,6 @@ def is_full_sphere(size: tuple[int, int]) -> bool:
     """Tell whether an image of this size (width, height) can be a full sphere: 2:1, but for a little rounding."""
     width, height = size
     return abs(width - 2 * height) <= max(2, 0.005 * width)
-
-
-def camera_of_photo(image: Image.Image, size: tuple[int, int]) -> Camera | None:
-    """Return the pinhole camera that the EXIF data of a photo describe, for an image of `size` (width, height); None where they do not."""
-    (focal_mm,) = _numbers(image, _FOCAL_LENGTH_35MM)
-    if not _PLAUSIBLE_MM[0] <= focal_mm <= _PLAUSIBLE_MM[1]:  # also false for NaN; writers put 0 for "unknown"
-        return None
-    width, height = size
-    focal_px = focal_mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
-    return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)
 
 
 def rounding_share(camera: Camera) -> float:
@@ -104,17 +121,6 @@ def words_of_copy(image: Image.Image) -> tuple[str, ...]:
     )
 
 
-def no_camera_error(size: tuple[int, int]) -> PanoramaShapeError:
-    """Return the error for a photo of this size (width, height) that nothing says the camera of."""
-    width, height = size
-    return PanoramaShapeError(
-        f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) without "
-        "camera data; for a panorama, export the full sphere, or keep the GPano crop fields of a partial one; for a "
-        "photo, keep the EXIF data (focal length in 35 mm terms), or send options.cameras with a model and its "
-        "intrinsics or hfov_deg (--hfov 69); for an unknown field of view, send bounds: hfov_range_deg (--hfov 45-90)"
-    )
-
-
 def _numbers(image: Image.Image, *fields: int) -> list[float]:
     """Return fields of the EXIF data of a photo; 0 for what is missing, damaged or no finite number."""
     try:
@@ -123,18 +129,6 @@ def _numbers(image: Image.Image, *fields: int) -> list[float]:
     except _UNREADABLE:
         return [0.0] * len(fields)
     return [number if math.isfinite(number) else 0.0 for number in numbers]
-
-
-@dataclass(frozen=True)
-class Crop:
-    """GPano crop fields in pixels of the full sphere."""
-
-    full_width: int
-    full_height: int
-    left: int
-    top: int
-    width: int
-    height: int
 
 
 _CROP_FIELDS = (  # in the order of `Crop`

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 _MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
-_MIN_DISTANCE_M = 0.05
 VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 
 
@@ -100,7 +99,7 @@ class Level:
         flat = flat_square.sqrt()
         sampled = self.sample(torch.atan2(y, x), torch.atan2(z, flat), 0 if images is None else images)
         # ∂azimuth/∂p = (-y, x, 0) / f² and ∂elevation/∂p = (-x z / f, -y z / f, f) / d², with f² = x² + y² and d² = x² + y² + z².
-        square = torch.addcmul(flat_square, z, z).clamp_min_(_MIN_DISTANCE_M**2)
+        square = torch.addcmul(flat_square, z, z).clamp_min_(1e-12)
         stable = torch.maximum(flat_square, square * _MIN_COSINE**2)
         over = z / (flat.clamp_min(1e-6) * square)
         by_point = torch.stack(

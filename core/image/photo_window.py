@@ -14,6 +14,7 @@ from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image, share_with_direction
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig
+from panoloc.core.config import CONTRAST
 from panoloc.core.errors import OptionsError, PanoramaUnusableError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.sphere_window import SphereWindow
@@ -21,7 +22,7 @@ from panoloc.core.geometry.sphere_window import SphereWindow
 FINEST_ROWS = 1024  # of the sphere on which photos are looked at
 _LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
 EXTENT_ROWS = 128  # of the sphere on which the extent of a photo is looked for
-_COARSEST_ROWS = 16  # windows begin and end at whole pixels of a sphere of so many rows
+_COARSEST_ROWS = CONTRAST.rows  # windows begin and end at whole pixels of the coarsest images that are made of photos
 _MIN_SIDE = 16  # pixels
 _MIN_WITH_DIRECTION = 0.5  # of a photo; of real lenses nearly all of it has one
 _MIN_SHARE = 0.001  # of the sphere; what shows less says nothing about where it was taken

@@ -26,15 +26,7 @@ from panoloc.core.image.image_file import (
 )
 from panoloc.core.image.image_header import IMAGE, open_image
 from panoloc.core.image.invalid_regions.finding import find_missing
-from panoloc.core.image.known_camera import (
-    camera_of_photo,
-    crop_fields,
-    is_full_sphere,
-    no_camera_error,
-    rounding_share,
-    upright_size,
-    words_of_copy,
-)
+from panoloc.core.image.known_camera import known_camera, rounding_share, upright_size, words_of_copy
 from panoloc.core.image.photo_window import FINEST_PX_PER_RAD, FINEST_ROWS, check_share, rig_on_sphere
 from panoloc.core.options import MAX_PIXELS
 
@@ -70,14 +62,11 @@ def read_image(
     if camera is not None:
         photo = _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
         return replace(photo, hfov_range_deg=camera.hfov_range_deg, focal_uncertainty=camera.focal_uncertainty)
-    crop = crop_fields(image, data)
-    if crop is None and not is_full_sphere(size):
-        found = camera_of_photo(image, size)
-        if found is None:
-            raise no_camera_error(size)
+    crop = known_camera(image, data)
+    if isinstance(crop, Camera):
         words = words_of_copy(image)
-        photo = _photo(image, mask, found, False, max_pixels)
-        return replace(photo, focal_uncertainty=rounding_share(found), left_out=(*photo.left_out, *words))
+        photo = _photo(image, mask, crop, False, max_pixels)
+        return replace(photo, focal_uncertainty=rounding_share(crop), left_out=(*photo.left_out, *words))
     if crop is None and size[1] < MIN_HEIGHT:
         raise PanoramaUnusableError(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"

@@ -7,15 +7,15 @@ its sphere, and so can be kept at its own resolution; a panorama fills all of it
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from panoloc.core.camera.rig import Photo, Rig
+from panoloc.core.camera.rig import Rig
 from panoloc.core.errors import PanoramaUnusableError
-from panoloc.core.geometry.projection import pixel_solid_angles, unproject
+from panoloc.core.geometry.projection import unproject
 from panoloc.core.geometry.rotations import even_directions
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.label_codes import LabelCodes
@@ -23,7 +23,6 @@ from panoloc.core.image.level import Level
 from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
 
 _COARSE_ROWS = 32  # of the windows that tell roughly what images show; those of `EXTENT_ROWS` tell it
-_SHARE_DIRECTIONS = 8192
 
 
 @dataclass(frozen=True)
@@ -33,17 +32,6 @@ class Window:
     color: Tensor
     valid: Tensor
     place: SphereWindow
-
-    @property
-    def is_round(self) -> bool:
-        """Return whether its last column is followed by its first."""
-        return self.place.is_round
-
-    @property
-    def has_poles(self) -> tuple[bool, bool]:
-        """Return whether its first row is around the upper pole, and its last one around the lower."""
-        at = self.place
-        return at.is_round and at.first_row == 0, at.is_round and at.first_row + at.height == at.rows
 
     def halved(self) -> "Window":
         """Return the window at half the rows; a pixel is valid when at least half of it is."""
@@ -87,9 +75,8 @@ class Windows:
     @cached_property
     def solid_angles(self) -> Tensor:
         """Return the solid angle (H, W) of each pixel, valid or not."""
-        solid = pixel_solid_angles(self.rows, 2 * self.rows, self.valid.device)
-        rows = [solid[w.place.first_row : w.place.first_row + w.place.height] for w in self.each]
-        return self.packed([part.expand(w.valid.shape) for part, w in zip(rows, self.each, strict=True)])
+        device = self.valid.device
+        return self.packed([w.place.solid_angles(device).view(w.valid.shape) for w in self.each])
 
     @cached_property
     def weights(self) -> Tensor:
@@ -156,13 +143,12 @@ class Windows:
 
         turns_over_poles: planes are derivatives by elevation, which falls again beyond a pole.
         """
-        for window, top in zip(self.each, self.tops, strict=False):
-            if not window.is_round:
+        for at, top in zip((w.place for w in self.each), self.tops, strict=False):
+            if not at.is_round:
                 continue
-            height, width = window.valid.shape
-            bordered = planes[:, top : top + height + 2, : width + 2]
-            for has_pole, border, row in zip(window.has_poles, (0, -1), (1, -2), strict=True):
-                if has_pole:
+            bordered = planes[:, top : top + at.height + 2, : at.width + 2]
+            for pole, edge, border, row in ((0, at.first_row, 0, 1), (at.rows, at.first_row + at.height, -1, -2)):
+                if edge == pole:
                     beyond = torch.roll(bordered[:, row, 1:-1], self.rows, dims=-1)
                     bordered[:, border, 1:-1] = -beyond if turns_over_poles else beyond
             bordered[..., 0], bordered[..., -1] = bordered[..., -2], bordered[..., 1]
@@ -183,7 +169,11 @@ class RigPyramid:
         self.centers = torch.tensor(
             np.stack([pose.position - middle for pose in poses]), dtype=torch.float32, device=device
         )
-        sampled = _each_sampled(list(rig.photos), max_rows, labels is not None)
+        # Sampled with numpy alone: threads that compute with torch get teams of threads of their own.
+        sample = partial(photo_on_window, max_rows=max_rows, is_labels=labels is not None)
+        with ThreadPoolExecutor(min(len(rig.photos), torch.get_num_threads())) as threads:
+            each_of = threads.map if len(rig.photos) > 1 else map  # memory of other threads comes slower
+            sampled = list(each_of(sample, rig.photos))
         self._levels = [{each.window.rows: _window(each, labels, device)} for each in sampled]
         self.cones = torch.tensor([each.cone for each in sampled], device=device)
         self.finest_rows = max(each.window.rows for each in sampled)
@@ -200,7 +190,8 @@ class RigPyramid:
     @cached_property
     def share(self) -> float:
         """Return the share of the sphere, 0..1, that all images together show, overlaps counted once."""
-        return float(self.sees(even_directions(_SHARE_DIRECTIONS).to(self.rotations.device)).float().mean())
+        everywhere = even_directions(2 * (EXTENT_ROWS // 2) ** 2)  # as many as a sphere of half these rows has pixels
+        return float(self.sees(everywhere.to(self.rotations.device)).float().mean())
 
     def sees(self, directions: Tensor) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
@@ -213,15 +204,10 @@ class RigPyramid:
             seen |= sampled[0, 3] > 0.5
         return seen
 
-    def shown_directions(self) -> Tensor:
-        """Return directions (N, 3) in the axes of the rig that some image shows, all that it shows within a degree of one."""
-        windows = self.windows(EXTENT_ROWS)
-        return windows.rig_directions[windows.valid > 0]
-
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, or almost: within `margin`, radians."""
         windows = self.windows(_COARSE_ROWS)
-        if any(window.has_poles == (True, True) and bool(window.valid.all()) for window in windows.each):
+        if any(window.place.is_whole and bool(window.valid.all()) for window in windows.each):
             return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
         pixels, of = windows.rig_directions[windows.valid > 0], windows.image[windows.valid > 0]
         reach = margin + 0.71 * math.pi / _COARSE_ROWS  # half a pixel's diagonal
@@ -240,19 +226,6 @@ class RigPyramid:
             each = [_at_rows(levels, rows) for levels in self._levels]
             self._windows[rows] = Windows(each, self.rotations, self.centers)
         return self._windows[rows]
-
-
-def _each_sampled(photos: list[Photo], max_rows: int, is_labels: bool) -> list[PhotoOnWindow]:
-    """Sample images beside each other; a single one in this thread."""
-
-    def sample(photo: Photo) -> PhotoOnWindow:
-        """Sample one image, with numpy alone: threads that compute with torch get teams of threads of their own."""
-        return photo_on_window(photo, max_rows, is_labels)
-
-    if len(photos) == 1:
-        return [sample(photos[0])]
-    with ThreadPoolExecutor(min(len(photos), torch.get_num_threads())) as threads:
-        return list(threads.map(sample, photos))
 
 
 def _window(sampled: PhotoOnWindow, labels: LabelCodes | None, device: torch.device | str) -> Window:

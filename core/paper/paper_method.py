@@ -14,15 +14,14 @@ from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
-from panoloc.core.features.equalization import transport
-from panoloc.core.features.patch_grid import PatchGrid, rotation_table
-from panoloc.core.features.patch_histograms import hard_histograms
+from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
-from panoloc.core.paper.intersection import bin_major, intersection_tensor
+from panoloc.core.paper.color_matching import transport
+from panoloc.core.paper.intersection import bin_major, hard_histograms, intersection_tensor, rotation_table
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from panoloc.core.paper.score_maps import score_map_2d, score_map_3d, view_patch_scores
 from panoloc.core.paper.sphere_image import SphereImage
@@ -119,7 +118,7 @@ class PaperMethod:
         if index.labels is not None or not self.config.match_colors:
             return level
         flat = level.color.flatten(1).T
-        matched = transport(flat, level.weights().flatten(), colors, torch.ones(len(colors), device=self.device))
+        matched = transport(flat, level.weights().flatten(), colors)
         return SphereImage(matched.T.reshape(level.color.shape), level.valid)
 
     def _views(self, index: MapIndex, starts: Tensor) -> tuple[Tensor, Tensor]:
@@ -170,7 +169,9 @@ class PaperMethod:
         scores = (
             score_map_2d(tensor, table) if self.config.use_score_map_2d else torch.ones(len(grid), device=self.device)
         )
-        return 0.5 * (scores + grid.polar_sines(self.device))
+        x, y, _ = grid.centers(self.device).unbind(-1)
+        # S is the sine of the polar angle of each centre, the share of a full-width row (supplement).
+        return 0.5 * (scores + torch.hypot(x, y))
 
 
 def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:

@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.geometry.projection import project
 
 
 def score_map_2d(tensor: Tensor, table: Tensor) -> Tensor:
@@ -51,6 +50,4 @@ def pairing_counts(table: Tensor) -> Tensor:
 
 def sample_patch_map(scores: Tensor, grid: PatchGrid, points: Tensor) -> Tensor:
     """Return the patch score (N,) of the direction of camera-frame points (N, 3): S_2D = Γ(Π(RX + t); M_2D) (Eq. 5)."""
-    u, v = project(points, grid.rows, grid.columns)
-    row = v.floor().clamp(0, grid.rows - 1).long()
-    return scores[row * grid.columns + u.floor().clamp(0, grid.columns - 1).long()]
+    return scores[grid.patch_of_direction(points)]

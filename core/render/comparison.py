@@ -11,19 +11,20 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from panoloc.core.features.equalization import equalize_where
+from panoloc.core.features.equalization import apply_tables, equalization_tables, equalize
 from panoloc.core.geometry.sphere_window import window_around
 from panoloc.core.image.level import VALID_SHARE, Level
+from panoloc.core.image.photo_window import EXTENT_ROWS
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts
-from panoloc.core.render.synthetic_view import SyntheticViews, render_parts
+from panoloc.core.render.synthetic_view import SyntheticViews, render_views
 
 _NEAR_M = 1.0  # what an image shows is hardly nearer; parallax widens what must be drawn by no more
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The scan rendered at K poses beside a rig's images, over the S pixels of the window of `views.parts`, in the axes there.
+    """The scan rendered at K poses beside a rig's images, over the S pixels of the window of `views`, in the axes there.
 
     scan, seen: (K, S, 3) canonical colours. weights: (K, S) solid angle, zero where either is missing. tables: (K, 3, 256) equalization of
     the images over those pixels, None for labels. views: what was rendered. image: (K, S) int64, which image of the rig a pixel is
@@ -40,8 +41,6 @@ class Comparison:
     def on_sphere(self) -> "Comparison":
         """Return it with pixels of the whole sphere, in the same axes, of which those beyond the part that was compared weigh nothing."""
         window = self.views.window
-        if window.is_whole:
-            return self
         scan, seen, weights = (window.on_sphere(each) for each in (self.scan, self.seen, self.weights))
         return Comparison(scan, seen, weights, self.tables, self.views.on_sphere(), window.on_sphere(self.image, -1))
 
@@ -56,7 +55,8 @@ class RigView:
         self.pyramid = pyramid
         parallax = torch.asin((pyramid.centers.norm(dim=-1) / _NEAR_M).clamp(max=1.0))
         self._half_angles = (pyramid.cones + parallax).clamp(max=math.pi)
-        x, y, z = pyramid.shown_directions().unbind(-1)
+        extent = pyramid.windows(EXTENT_ROWS)
+        x, y, z = extent.rig_directions[extent.valid > 0].unbind(-1)
         margin = math.radians(margin_deg) + float(parallax.max())
         turn, self._window = window_around(torch.atan2(y, x), torch.asin(z.clamp(-1, 1)), margin)
         around = torch.tensor(
@@ -83,13 +83,13 @@ class RigView:
         axes = torch.einsum("kab,mb->kma", rotations, self.pyramid.rotations[:, :, 0])
         window = self._window.at(rows)
         parts = ViewParts(rotations @ self.rig_from_view, window, axes, self._half_angles)
-        views = render_parts(cloud, positions, parts, with_points)
+        views = render_views(cloud, positions, parts, with_points)
         seen, image = self._look_up(views, rows, log_focals)
         weights = views.valid.flatten(1) * window.solid_angles(positions.device) * (image >= 0)
         scan, tables = views.color.flatten(1, 2), None
         if self.pyramid.labels is None:
-            scan, _ = equalize_where(scan, weights, views.valid.flatten(1))
-            seen, tables = equalize_where(seen, weights, image >= 0)
+            scan, tables = equalize(scan, weights), equalization_tables(seen, weights)
+            seen = apply_tables(seen, tables)
         return Comparison(scan, seen, weights, tables, views, image)
 
     def _look_up(self, views: SyntheticViews, rows: int, log_focals: Tensor | None) -> tuple[Tensor, Tensor]:

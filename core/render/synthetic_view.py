@@ -11,14 +11,14 @@ lattice through which the next room shines, and black pixels count as missing. H
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from panoloc.core.config import RENDERING
-from panoloc.core.geometry.projection import project
+from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts, drawn_points
 
@@ -27,44 +27,30 @@ RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 @dataclass(frozen=True)
 class SyntheticViews:
-    """Views rendered from B positions, axes parallel to the map's, or those of the `parts` that were drawn.
+    """Views rendered from B positions, axes parallel to the map's or those of the parts that were drawn.
 
-    color: (B, H, W, C) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
-    valid: (B, H, W) bool. point: (B, H, W) int64, the number of the visible point
-    nearest to each pixel's centre, −1 where no point fell; empty where points were not asked for.
+    color: (B, H, W, C) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen. valid: (B, H, W) bool. point:
+    (B, H, W) int64, the number of the visible point nearest to each pixel's centre, −1 where no point fell; empty where points were not
+    asked for. window: which part of the sphere the images show. map_from_view: (B, 3, 3), the axes.
     """
 
     color: Tensor
     depth: Tensor
     valid: Tensor
     point: Tensor
-    parts: ViewParts | None = None
-
-    @property
-    def window(self) -> SphereWindow:
-        """Return which part of the sphere the images show."""
-        return SphereWindow.of_sphere(self.depth.shape[1]) if self.parts is None else self.parts.window
-
-    @property
-    def map_from_view(self) -> Tensor:
-        """Return the axes of the views, (B, 3, 3)."""
-        if self.parts is not None:
-            return self.parts.rotations
-        return torch.eye(3, device=self.depth.device).expand(len(self.depth), 3, 3)
+    window: SphereWindow
+    map_from_view: Tensor
 
     def on_sphere(self) -> "SyntheticViews":
         """Return images of the whole sphere, in the same axes, on which nothing was seen beyond the part that was drawn."""
-        window, parts = self.window, self.parts
-        if parts is None or window.is_whole:
-            return self
-        sphere = SphereWindow.of_sphere(window.rows)
+        window, sphere = self.window, SphereWindow.of_sphere(self.window.rows)
         color, depth, valid, point = (
             window.on_sphere(image.flatten(1, 2), missing).view(-1, sphere.height, sphere.width, *image.shape[3:])
             if len(image)
             else image
             for image, missing in ((self.color, 0.0), (self.depth, math.inf), (self.valid, False), (self.point, -1))
         )
-        return SyntheticViews(color, depth, valid, point, replace(parts, window=sphere))
+        return SyntheticViews(color, depth, valid, point, sphere, self.map_from_view)
 
 
 def num_levels(height: int) -> int:
@@ -72,23 +58,19 @@ def num_levels(height: int) -> int:
     return max(1, int(math.log2(height / 8)) + 1)
 
 
-def render_views(cloud: RenderCloud, centers: Tensor, height: int, with_points: bool = True) -> SyntheticViews:
-    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` rows and twice as many columns.
-
-    with_points: also find the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
-    """
-    return _render(cloud, centers, SphereWindow.of_sphere(height), None, with_points)
-
-
-def render_parts(cloud: RenderCloud, centers: Tensor, parts: ViewParts, with_points: bool = True) -> SyntheticViews:
-    """Render of the views from the centers (B, 3) the parts that are wanted, in axes of their own; the rest as of `render_views`."""
-    return _render(cloud, centers, parts.window, parts, with_points)
-
-
-def _render(
-    cloud: RenderCloud, centers: Tensor, window: SphereWindow, parts: ViewParts | None, with_points: bool
+def render_views(
+    cloud: RenderCloud, centers: Tensor, wanted: int | ViewParts, with_points: bool = True
 ) -> SyntheticViews:
-    """Draw the points of each view, the nearest in front; parts: None where all of the sphere is drawn, in axes parallel to the map's."""
+    """Render the cloud from each of the centers (B, 3) in metres.
+
+    wanted: rows of images of the whole sphere, in axes parallel to the map's, or parts of it in axes of their own. with_points: also find
+    the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
+    """
+    if isinstance(wanted, int):
+        window, parts = SphereWindow.of_sphere(wanted), None
+        map_from_view = torch.eye(3, device=centers.device).expand(len(centers), 3, 3)
+    else:
+        window, parts, map_from_view = wanted.window, wanted, wanted.rotations
     shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels(window.rows))]
     offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()
     drawn = drawn_points(cloud, centers, window, parts)
@@ -108,11 +90,11 @@ def _render(
     sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
     color, valid = _compose_color(_levels(sums, shapes))
     if not with_points:
-        return SyntheticViews(color, depth, valid, drawn.number[:0], parts)
+        return SyntheticViews(color, depth, valid, drawn.number[:0], window, map_from_view)
     u, v, pixel = (part.index_select(0, visible) for part in (drawn.u, drawn.v, drawn.pixel))
     # What fills up the last run lies where its last point does.
     number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), depth.numel())
-    return SyntheticViews(color, depth, valid, number.view(depth.shape), parts)
+    return SyntheticViews(color, depth, valid, number.view(depth.shape), window, map_from_view)
 
 
 def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixels: int) -> Tensor:
@@ -132,9 +114,7 @@ def visible_points(relative: Tensor, spacing: float, depth: Tensor) -> tuple[Ten
 
     relative: (N, 3), metres from the view, in its axes. spacing: of the scan, metres.
     """
-    height, width = depth.shape
-    u, v = project(relative, height, width)
-    pixel = v.long().clamp(0, height - 1) * width + u.long().clamp(0, width - 1)
+    pixel = pixels_towards(relative, len(depth))
     limit = depth.flatten()[pixel] * (1 + RENDERING.slack_share) + RENDERING.slack_spacings * spacing
     visible: Tensor = relative.norm(dim=-1) <= limit
     return pixel, visible

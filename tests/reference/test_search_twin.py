@@ -6,10 +6,10 @@ import torch
 
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
-from panoloc.core.features.patch_grid import PatchGrid, rotation_table
-from panoloc.core.features.patch_histograms import hard_histograms, soft_histograms
+from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import soft_histograms
 from panoloc.core.geometry.rotations import rotation_from_vector, uniform_rotations
-from panoloc.core.paper.intersection import bin_major, intersection_tensor
+from panoloc.core.paper.intersection import bin_major, hard_histograms, intersection_tensor, rotation_table
 from panoloc.core.paper.paper_method import score_poses
 from panoloc.core.paper.score_maps import (
     score_map_2d,

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription
-from panoloc.core.errors import OptionsError
-from panoloc.core.image.known_camera import camera_of_photo
-from tests.core.found_pose import known
+from panoloc.core.errors import OptionsError, PanoramaShapeError
+from panoloc.core.image.known_camera import known_camera
 from tests.core.image.painted_photos import pinhole_rays
 from tests.core.image.picture_files import photo_file
 
@@ -53,23 +52,26 @@ def test_an_image_of_another_shape_is_refused_with_both_shapes() -> None:
         GOOD.resized(1440, 1920)
 
 
-def camera_of(width: int, height: int, focal_mm: object) -> Camera | None:
+def camera_of(width: int, height: int, focal_mm: object) -> Camera:
     """Return the camera that a photo tells by its EXIF data."""
-    image = Image.open(io.BytesIO(photo_file(np.zeros((height, width, 3), np.uint8), focal_mm)))
-    return camera_of_photo(image, image.size)
+    data = photo_file(np.zeros((height, width, 3), np.uint8), focal_mm)
+    camera = known_camera(Image.open(io.BytesIO(data)), data)
+    assert isinstance(camera, Camera)
+    return camera
 
 
 def test_the_focal_length_in_35_mm_terms_gives_the_field_of_view() -> None:
     # 26 mm on 36 x 24 mm film shows 69.4 degrees across; of a 4:3 image the diagonal counts: 67.3 degrees.
-    camera = known(camera_of(1200, 800, 26))
+    camera = camera_of(1200, 800, 26)
     assert camera.hfov_deg == pytest.approx(2 * math.degrees(math.atan(18 / 26)), abs=0.01)
-    camera = known(camera_of(1600, 1200, 26))
+    camera = camera_of(1600, 1200, 26)
     assert camera.hfov_deg == pytest.approx(67.3, abs=0.05)
 
 
 @pytest.mark.parametrize("focal_mm", [None, 0, 1, 60_000])
 def test_a_photo_that_does_not_say_its_focal_length_has_no_camera(focal_mm: object) -> None:
-    assert camera_of(1200, 800, focal_mm) is None
+    with pytest.raises(PanoramaShapeError, match="without camera data"):
+        camera_of(1200, 800, focal_mm)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from panoloc.core.config import ChangeConfig
 from panoloc.core.decide.change_maps import ChangeMaps, change_maps
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles
 from panoloc.core.geometry.rotations import even_directions, rotation_from_vector
+from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.render.synthetic_view import SyntheticViews
 
@@ -44,7 +45,8 @@ def compared(
 ) -> ChangeMaps:
     """Compare both in map axes, on points 2 m around the camera and others behind them."""
     depth = torch.full((1, HEIGHT, WIDTH), 2.0)
-    views = SyntheticViews(scan[None], depth, depth > 0, torch.zeros_like(depth, dtype=torch.int64))
+    none, axes = torch.zeros_like(depth, dtype=torch.int64), torch.eye(3)[None]
+    views = SyntheticViews(scan[None], depth, depth > 0, none, SphereWindow.of_sphere(HEIGHT), axes)
     sides = scan.flatten(0, 1)[None], panorama.flatten(0, 1)[None], weights.flatten()[None]
     comparison = Comparison(*sides, None, views, torch.zeros_like(sides[2], dtype=torch.int64))
     near = even_directions(3000)

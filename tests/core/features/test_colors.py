@@ -10,24 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from panoloc.core.decide.change_maps import fit_gain_offset
-from panoloc.core.features.equalization import apply_tables, equalization_tables, equalize_where
 from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.label_codes import label_codes
-
-
-def test_equalizing_only_where_something_is_seen_gives_the_same_there_and_nothing_elsewhere() -> None:
-    generator = torch.Generator().manual_seed(4)
-    color = torch.rand((3, 200, 3), generator=generator)
-    where = torch.rand((3, 200), generator=generator) < 0.2
-    weights = torch.rand((3, 200), generator=generator) * where * (torch.arange(200) % 3 > 0)
-    tables = equalization_tables(color, weights)
-    found, found_tables = equalize_where(color, weights, where)
-    torch.testing.assert_close(found_tables, tables, atol=1e-5, rtol=0)
-    torch.testing.assert_close(found[where], apply_tables(color, tables)[where], atol=1e-5, rtol=0)
-    assert float(found[~where].abs().max()) == 0
 
 
 def test_rare_colours_are_noise_not_labels() -> None:

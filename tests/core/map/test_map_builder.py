@@ -68,7 +68,7 @@ def test_each_start_is_described_by_what_is_seen_from_it_and_those_that_see_litt
     assert 8 < len(kept) < len(coverage) == 32
     assert index.num_starts == len(kept)
     roots, weights = centered_roots(torch.stack(histograms), PatchGrid(4, 8).solid_angles())
-    basis = principal_basis(roots[:: len(roots) // 5], 6, 1000)
+    basis = principal_basis(roots[:: len(roots) // 5], 6)
     found, described = index.views, index.views.descriptors()
     # Directions are the same up to their sign.
     signs = (basis * found.basis).sum(0).sign()

@@ -14,9 +14,9 @@ from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.comparison import Comparison, RigView
-from panoloc.core.render.synthetic_view import render_parts
+from panoloc.core.render.render_cloud import ViewParts
+from panoloc.core.render.synthetic_view import render_views
 from tests.core.built_maps import BOX, POSE, map_of, panorama, rig_of, tensors_of
-from tests.core.found_pose import known
 from tests.core.image.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, UPRIGHT, rig_pose, session_of
 
 HEIGHT = 128
@@ -91,18 +91,17 @@ def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest() -> None
 def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_show() -> None:
     view, cloud, (_, positions) = view_of(), map_of(BOX).render_cloud, tensors_of(RIG)
     views = compared().views
-    parts = known(views.parts)
-    assert 0.1 < parts.window.height * parts.window.width / (2 * HEIGHT**2) < 0.7
-    everything = replace(
-        parts, window=SphereWindow.of_sphere(HEIGHT), half_angles=torch.full_like(parts.half_angles, 4.0)
-    )
-    whole = render_parts(cloud, positions, everything)
+    num_pixels = views.window.height * views.window.width
+    assert 0.1 < num_pixels / (2 * HEIGHT**2) < 0.7
+    sphere, axes = SphereWindow.of_sphere(HEIGHT), view.pyramid.rotations[:, :, 0]
+    whole = render_views(cloud, positions, ViewParts(views.map_from_view, sphere, axes[None], torch.full((2,), 4.0)))
     drawn = views.on_sphere()
-    inside = SphereWindow.on_sphere(parts.window, torch.ones(1, parts.window.height * parts.window.width))[0] > 0
+    inside = views.window.on_sphere(torch.ones(1, num_pixels))[0] > 0
     inside = inside.view(HEIGHT, 2 * HEIGHT)
     directions = pixel_directions(HEIGHT, 2 * HEIGHT) @ view.rig_from_view.T
-    towards = directions @ view.pyramid.rotations[:, :, 0].T
-    near = (towards >= torch.cos(parts.half_angles)).any(-1) & inside
+    # Parallax of what is a metre away widens what images show.
+    half_angles = view.pyramid.cones + torch.asin(view.pyramid.centers.norm(dim=-1))
+    near = (directions @ axes.T >= torch.cos(half_angles)).any(-1) & inside
     assert bool(view.pyramid.shows(directions[~inside], math.radians(7.0)).logical_not().all())
     assert torch.equal(drawn.valid[0] & near, whole.valid[0] & near)
     torch.testing.assert_close(drawn.depth[0][near], whole.depth[0][near])
