@@ -146,10 +146,10 @@ def test_what_limits_do_not_allow_is_no_answer_however_well_it_fits() -> None:
     assert found_by(contest)[0] == (0.0, 0.45)
 
 
-def test_aliases_of_the_best_go_as_far_as_it_where_they_fit_half_as_well() -> None:
+def test_aliases_of_the_best_go_as_far_as_it_where_they_fit_hardly_worse() -> None:
     contest, seen = contest_of()
     contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
-    alias, unlike = placed(6.0, 0.55), placed(9.0, 0.45)
+    alias, unlike = placed(6.0, 0.7), placed(9.0, 0.6)
     contest.add_aliases([alias, unlike])
     assert any(h is alias for h in seen["fine"])
     assert all(h is not unlike for h in seen["medium"])
