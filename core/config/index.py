@@ -39,16 +39,9 @@ class DescriptorConfig:
 class AliasConfig:
     """Which starts look the same (see `panoloc.core.map.aliases`), by the scores of patches of 22 degrees."""
 
-    turns: int = 24  # about the vertical
-    turned_deg: float = 60.0  # beside the start, less than this is the place itself
-    elsewhere_m: float = 1.5  # nearer is the place itself
-    # Of the score of the starts beside it (equal rooms have 0.9 and more, the rest of a building up to 0.7), by patches twice as large and
-    # by these; or so much by itself (2.0 and more, up to 1.8).
-    first_share: float = 0.6
-    share: float = 0.74
-    least: float = 1.9
+    elsewhere: PoseDistance = PoseDistance(1.5, 60.0)  # nearer is the place itself, or one alias
+    least: float = 1.55  # score; the median of equal rooms is 2.7, of other rooms 1.2 with one in twenty above this
     most: int = 3  # of each start
-    distinct: PoseDistance = PoseDistance(0.6, 18.0)
 
 
 @dataclass(frozen=True)
