@@ -13,13 +13,9 @@ class StartsConfig:
 
     spacing_m: float = 0.5  # basin of convergence in a furnished room
     max_starts: int = 800
-    clearance_m: float = 0.25  # nobody holds a camera closer to a surface
-    thinning_share: float = 0.75  # of the spacing
     stray_share: float = 0.002  # of the points, at each end of an axis, that do not count as extent
     max_cells: int = 20_000_000  # more do not fit into memory; a scan that large is no building, or its unit is wrong
-    # Of what well-placed starts see; below it a start lies outside of the scanned space.
-    min_coverage_share: float = 0.6
-    well_placed_quantile: float = 0.9
+    min_coverage_share: float = 0.6  # of what the best start sees; below it a start lies outside of the scanned space
 
 
 @dataclass(frozen=True)
@@ -32,7 +28,11 @@ class DescriptorConfig:
     size: int = 32  # numbers of a descriptor, of 1,024 bins; more gain none
     steps: int = 31  # up and down that a number of a descriptor is rounded to
     basis_views: int = 24  # that principal directions are taken from
-    picture_height: int = 32  # rows of the pictures that poses are scored again on
+
+    @property
+    def picture_height(self) -> int:
+        """Return the rows of the pictures that poses are scored again on: the views, halved once."""
+        return self.view_height // 2
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.features.patch_histograms import described_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
 
-CONFIG = DescriptorConfig(patch_rows=8, bins=4, size=6, picture_height=8, steps=31)
+CONFIG = DescriptorConfig(patch_rows=8, bins=4, size=6, view_height=16, steps=31)
 GRID, HEIGHT, WIDTH = PatchGrid(8, 16), 32, 64
 
 
