@@ -39,7 +39,7 @@ def find_aliases(views: DescribedViews, starts: Tensor, config: AliasConfig) -> 
     """Return the aliases of all starts (T, 3), metres, of a map among themselves; no place is an alias of itself."""
     found = torch.full((len(starts), config.most), -1, dtype=torch.int32, device=starts.device)
     turns = torch.zeros((len(starts), config.most), device=starts.device)
-    for part in torch.arange(len(starts), device=starts.device).split(_STARTS_AT_ONCE):
+    for part in torch.split(torch.arange(len(starts), device=starts.device), _STARTS_AT_ONCE):
         for number, scores in zip(part.tolist(), _scores(views, part, views), strict=True):
             angles = _angles(scores)
             is_near = (starts - starts[number]).norm(dim=1) < config.elsewhere.distance_m
@@ -83,7 +83,7 @@ def _scores(own: DescribedViews, numbers: Tensor, views: DescribedViews) -> Tens
     if views is not own:
         values = values @ (own.basis.T @ views.basis)
     columns = own.grid.halved(1).columns
-    weighted = (values * weights).unflatten(1, (-1, columns))
+    weighted = (values * weights).view(len(numbers), -1, columns, values.shape[2])
     turned = torch.stack([weighted.roll(-turn, 2).flatten(1) for turn in range(columns)], 1)
     scores = others.values.flatten(1) @ turned.flatten(0, 1).T
     spread, spreads = (

