@@ -13,13 +13,9 @@ class StartsConfig:
 
     spacing_m: float = 0.5  # basin of convergence in a furnished room
     max_starts: int = 800
-    clearance_m: float = 0.25  # nobody holds a camera closer to a surface
-    thinning_share: float = 0.75  # of the spacing
     stray_share: float = 0.002  # of the points, at each end of an axis, that do not count as extent
     max_cells: int = 20_000_000  # more do not fit into memory; a scan that large is no building, or its unit is wrong
-    # Of what well-placed starts see; below it a start lies outside of the scanned space.
-    min_coverage_share: float = 0.6
-    well_placed_quantile: float = 0.9
+    min_coverage_share: float = 0.6  # of what the best start sees; below it a start lies outside of the scanned space
 
 
 @dataclass(frozen=True)
@@ -55,16 +51,9 @@ class DescriptorConfig:
 class AliasConfig:
     """Which starts look the same (see `panoloc.core.map.aliases`), by the scores of patches of 22 degrees."""
 
-    turns: int = 24  # about the vertical
-    turned_deg: float = 60.0  # beside the start, less than this is the place itself
-    elsewhere_m: float = 1.5  # nearer is the place itself
-    # Of the score of the starts beside it (equal rooms have 0.9 and more, the rest of a building up to 0.7), by patches twice as large and
-    # by these; or so much by itself (2.0 and more, up to 1.8).
-    first_share: float = 0.6
-    share: float = 0.74
-    least: float = 1.9
+    elsewhere: PoseDistance = PoseDistance(1.5, 60.0)  # nearer is the place itself, or one alias
+    least: float = 1.55  # score; the median of equal rooms is 2.7, of other rooms 1.2 with one in twenty above this
     most: int = 3  # of each start
-    distinct: PoseDistance = PoseDistance(0.6, 18.0)
 
 
 @dataclass(frozen=True)

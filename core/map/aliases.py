@@ -1,7 +1,7 @@
 """Perceptual aliasing: starts from which all of the scan looks as it does from another, found once, at registration.
 
-All that a scan shows around a place is far more than a photo of it shows: from equal and repeated rooms it scores like the place itself
-as seen from a start beside it, from everywhere else in a building half as much (docs/experiments.md).
+All that a scan shows around a place is far more than a photo of it shows: from equal rooms it scores twice as much as from everywhere else
+in a building (docs/experiments.md). Views are turned by whole columns of patches, which is a shift.
 """
 
 import math
@@ -12,9 +12,10 @@ from torch import Tensor
 
 from panoloc.core.config import AliasConfig
 from panoloc.core.features.described_views import DescribedViews
-from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotation_from_vector
+
+_STARTS_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
@@ -35,70 +36,58 @@ class Aliases:
 
 
 def find_aliases(views: DescribedViews, starts: Tensor, config: AliasConfig) -> Aliases:
-    """Return the aliases of all starts (T, 3), metres, of a map among themselves."""
+    """Return the aliases of all starts (T, 3), metres, of a map among themselves; no place is an alias of itself."""
     found = torch.full((len(starts), config.most), -1, dtype=torch.int32, device=starts.device)
     turns = torch.zeros((len(starts), config.most), device=starts.device)
-    for number in range(len(starts)):
-        others, angles = aliases_of(views, starts, number, views, starts, config, is_same_map=True)
-        found[number, : len(others)], turns[number, : len(others)] = others.int(), angles
+    for part in torch.split(torch.arange(len(starts), device=starts.device), _STARTS_AT_ONCE):
+        for number, scores in zip(part.tolist(), _scores(views, part, views), strict=True):
+            angles = _angles(scores)
+            is_near = (starts - starts[number]).norm(dim=1) < config.elsewhere.distance_m
+            is_level = torch.minimum(angles, 2 * math.pi - angles) < math.radians(config.elsewhere.angle_deg)
+            scores = scores.masked_fill(is_near[:, None] & is_level, -math.inf)
+            others, angles = _best(scores, starts, config)
+            found[number, : len(others)], turns[number, : len(others)] = others.int(), angles
     return Aliases(found, turns)
 
 
-def aliases_of(
-    own: DescribedViews,
-    own_starts: Tensor,
-    number: int,
-    views: DescribedViews,
-    starts: Tensor,
-    config: AliasConfig,
-    is_same_map: bool = False,
+def aliases_in_another_map(
+    own: DescribedViews, number: int, views: DescribedViews, starts: Tensor, config: AliasConfig
 ) -> tuple[Tensor, Tensor]:
-    """Return the starts (A,) of a map from which it looks as another does from its start `number`, and the turns (A,) that bring one onto
-    the other; equal rooms stand upright.
+    """Return the starts (A,) of those (T, 3) of a map from which it looks as another map does from its start `number`, best first, and
+    the turns (A,) about the vertical that bring one onto the other; equal rooms stand upright."""
+    return _best(_scores(own, torch.tensor([number], device=starts.device), views)[0], starts, config)
 
-    own_starts: (S, 3), starts: (T, 3), metres. is_same_map: both are one map, in which no place is an alias of itself. Starts farther
-    away than `distinct` say nothing of how a place looks from beside it.
+
+def _best(scores: Tensor, starts: Tensor, config: AliasConfig) -> tuple[Tensor, Tensor]:
+    """Return the starts (A,) with the highest scores (T, K), and their turns (A,)."""
+    best, turn = scores.max(1)
+    kept = best.argsort(descending=True)[: int((best >= config.least).sum())]
+    angles = _angles(scores)[turn[kept]]
+    turned = rotation_from_vector(torch.nn.functional.pad(angles[:, None], (2, 0)))
+    chosen = first_distinct(turned, starts[kept], config.elsewhere, count=config.most)
+    return kept[chosen], angles[chosen]
+
+
+def _angles(scores: Tensor) -> Tensor:
+    """Return the turns (K,), radians, of scores (T, K)."""
+    return torch.arange(scores.shape[1], device=scores.device) * (2 * math.pi / scores.shape[1])
+
+
+def _scores(own: DescribedViews, numbers: Tensor, views: DescribedViews) -> Tensor:
+    """Return what `patch_scores` gives (N, T, K) for the patches of the views `numbers` (N,) of a map, turned K times about the vertical.
+
+    The similarities of all pairs of patches, whose deviation is needed, follow from how the descriptors of both views spread.
     """
-    angles = torch.arange(config.turns, device=starts.device) * (2 * math.pi / config.turns)
-    is_turned = torch.minimum(angles, 2 * math.pi - angles) > math.radians(config.turned_deg)
-    near = (own_starts - own_starts[number]).norm(dim=1) < config.elsewhere_m
-    itself = near[:, None] & ~is_turned if is_same_map else torch.zeros((len(starts), len(angles)), dtype=torch.bool)
-    beside = (own_starts - own_starts[number]).norm(dim=1) < config.distinct.distance_m
-    beside[number] = False
-    kept = torch.arange(len(starts), device=starts.device)
-    for halvings, share in ((2, config.first_share), (1, config.share)):
-        patches = own_patches(own, number, halvings, views)
-        scores = _scores(patches, views, kept, angles, halvings)
-        if bool(beside.any()):
-            some = beside.nonzero()[:, 0]
-            reference = float(
-                _scores(own_patches(own, number, halvings, own), own, some, angles[~is_turned], halvings).max()
-            )
-        else:
-            reference = math.inf  # starts are farther apart than that
-        scores = scores.masked_fill(itself.to(scores.device)[kept], -math.inf)
-        best, turn = scores.max(1)
-        is_alike = best >= min(share * reference, config.least)
-        kept, best, turn = kept[is_alike], best[is_alike], turn[is_alike]
-        if not len(kept):
-            return kept, angles[:0]
-    order = best.argsort(descending=True)
-    kept, turn = kept[order], turn[order]
-    turned = rotation_from_vector(torch.nn.functional.pad(angles[turn][:, None], (2, 0)))
-    chosen = torch.tensor(first_distinct(turned, starts[kept], config.distinct, count=config.most), device=kept.device)
-    return kept[chosen], angles[turn[chosen]]
-
-
-def own_patches(own: DescribedViews, number: int, halvings: int, views: DescribedViews) -> DescribedPatches:
-    """Return what a map shows from one of its starts, along the basis of the views of another."""
-    described = own.descriptors(halvings)
-    values = described.values[number]
+    described, others = own.descriptors(1), views.descriptors(1)
+    values, weights = described.values[numbers], described.weights[numbers, :, None]
     if views is not own:
         values = values @ (own.basis.T @ views.basis)
-    seen = described.weights[number].nonzero()[:, 0]
-    return DescribedPatches(values[seen], seen, described.weights[number, seen], own.grid.halved(halvings))
-
-
-def _scores(patches: DescribedPatches, views: DescribedViews, starts: Tensor, angles: Tensor, halvings: int) -> Tensor:
-    turns = rotation_from_vector(torch.nn.functional.pad(angles[:, None], (2, 0)))
-    return patch_scores(patches, views.descriptors(halvings).take(starts), turns)
+    columns = own.grid.halved(1).columns
+    weighted = (values * weights).view(len(numbers), -1, columns, values.shape[2])
+    turned = torch.stack([weighted.roll(-turn, 2).flatten(1) for turn in range(columns)], 1)
+    scores = others.values.flatten(1) @ turned.flatten(0, 1).T
+    spread, spreads = (
+        ((v * w).mT @ v).flatten(1) for v, w in ((values, weights), (others.values, others.weights[..., None]))
+    )
+    deviation = (spread @ spreads.T).sqrt().clamp_min(1e-9)
+    return scores.view(len(others.values), len(numbers), columns).transpose(0, 1) / deviation[..., None]

@@ -111,8 +111,7 @@ def views_to_describe(
 
 def _well_covered(coverage: Tensor, config: StartsConfig) -> Tensor:
     """Return the numbers of the views that see enough to lie inside the scanned space."""
-    least = config.min_coverage_share * torch.quantile(coverage, config.well_placed_quantile)
-    return (coverage >= least).nonzero()[:, 0]
+    return (coverage >= config.min_coverage_share * coverage.max()).nonzero()[:, 0]
 
 
 def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> Starts:

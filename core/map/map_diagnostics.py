@@ -3,10 +3,12 @@
 The readers of `panoloc.core.scan` note what they did to the file; here is what only the finished index shows.
 """
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from panoloc.core.config import CONTRAST
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Box, IndexOptions
 from panoloc.core.scan.point_cloud import Diagnostic
@@ -15,8 +17,7 @@ from panoloc.core.scan.point_cloud import Diagnostic
 _FEW_POINTS = 1000
 # Of the sphere. Measured from the best start: rooms 0.96, streets 0.58, a wall alone 0.02, starts beside a room 0.003.
 _LEAST_SEEN = 0.1
-# Of bare white rooms, scanned, a hundredth of the points are so near the colour in the middle; bytes, and a share of all points.
-_SAME_COLOR_STEP = 8
+# Of all points. Of bare white rooms, scanned, only a hundredth are within the noise of the colour in the middle.
 _SAME_COLOR_SHARE = 0.95
 
 
@@ -40,7 +41,7 @@ def _diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) 
         yield Diagnostic("few_points", "warning", message)
     colors = index.colors.cpu().numpy().astype(np.int16)
     middle = np.median(colors, axis=0)
-    share = float(np.mean(np.abs(colors - middle).max(axis=1) <= _SAME_COLOR_STEP))
+    share = float(np.mean(np.abs(colors - middle).max(axis=1) <= 255 * math.sqrt(CONTRAST.noise)))
     if share >= _SAME_COLOR_SHARE and options.color_kind != "labels":
         color = ", ".join(f"{value:.0f}" for value in middle)
         message = (

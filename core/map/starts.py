@@ -11,8 +11,9 @@ number of starts follows the free volume instead of being fixed; starts closer t
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+import torch
 from numpy.typing import NDArray
+from torch.nn.functional import interpolate, max_pool3d
 
 from panoloc.core.config import StartsConfig
 from panoloc.core.errors import OptionsError
@@ -47,8 +48,8 @@ def octree_starts(
     volume = float(np.prod(np.maximum(upper - lower, 1.0)))
     spacing = max(config.spacing_m, 4 * (volume / config.max_cells) ** (1 / 3))
     for _ in range(12):
-        starts = _empty_leaves(positions, lower, upper, spacing, config.clearance_m)
-        starts = _thin(starts, config.thinning_share * spacing)
+        # Nearer to each other than a largest leaf and one beside it that is half as large, leaves show the same.
+        starts = _thin(_empty_leaves(positions, lower, upper, spacing), (spacing + spacing / 2) / 2)
         if len(starts) <= config.max_starts:
             break
         spacing *= max(1.02, (len(starts) / config.max_starts) ** (1 / 3))
@@ -93,34 +94,30 @@ def _extent(
     return np.maximum(lower, region[0]), np.minimum(upper, region[1])
 
 
-def _empty_leaves(
-    positions: NDArray[np.float32], lower: FloatArray, upper: FloatArray, spacing: float, clearance: float
-) -> Starts:
-    """Return the empty leaves of an octree whose largest cells have the edge `spacing` and whose smallest a quarter of it."""
+def _empty_leaves(positions: NDArray[np.float32], lower: FloatArray, upper: FloatArray, spacing: float) -> Starts:
+    """Return the empty leaves of an octree whose largest cells have the edge `spacing` and whose smallest a quarter of it.
+
+    All keep as clear of the points as the middle of a largest one does by itself: half the spacing, in whole smallest cells.
+    """
     smallest = spacing / 4
     if not bool((upper > lower).all()):
         return Starts(np.zeros((0, 3)), np.zeros(0))
     cells = np.maximum(1, np.ceil((upper - lower) / spacing)).astype(int)
-    margin = (cells * spacing - (upper - lower)) / 2
-    origin = lower - margin
-    fine = cells * 4
+    origin = (lower + upper - cells * spacing) / 2
     index = np.floor((positions - origin) / smallest).astype(np.int64)
-    index = index[((index >= 0) & (index < fine)).all(axis=1)]
-    occupied = np.zeros(tuple(fine), dtype=bool)
-    occupied[index[:, 0], index[:, 1], index[:, 2]] = True
-    near = _dilate(occupied, max(0, round(clearance / smallest)))
+    index = index[((index >= 0) & (index < 4 * cells)).all(axis=1)]
+    taken = torch.zeros((1, 1, *(4 * cells).tolist()))
+    taken[0, 0, index[:, 0], index[:, 1], index[:, 2]] = 1
+    near = max_pool3d(taken, 5, stride=1, padding=2)
     centers, sizes = [], []
-    parent_is_leaf = np.zeros(tuple(cells), dtype=bool)
-    for level in range(3):
-        side = 4 >> level
-        full = _pool_any(occupied, side)
-        blocked = near[side // 2 :: side, side // 2 :: side, side // 2 :: side]
-        covered = parent_is_leaf if level == 0 else _double(parent_is_leaf)
-        leaf = ~full & ~covered
-        where = np.argwhere(leaf & ~blocked)
+    divided = torch.ones((1, 1, *cells.tolist()))
+    for side in (4, 2, 1):
+        full = max_pool3d(taken, side)
+        middle = near[..., side // 2 :: side, side // 2 :: side, side // 2 :: side]
+        where = ((divided > full) & (middle == 0))[0, 0].nonzero().numpy()
         centers.append(origin + (where + 0.5) * smallest * side)
         sizes.append(np.full(len(where), smallest * side))
-        parent_is_leaf = leaf | covered
+        divided = interpolate(full, scale_factor=2.0)
     found = np.concatenate(centers)
     inside = ((found >= lower) & (found <= upper)).all(axis=1)
     return Starts(found[inside], np.concatenate(sizes)[inside])
@@ -141,21 +138,3 @@ def _thin(starts: Starts, distance: float) -> Starts:
         kept.append(i)
         buckets.setdefault((x, y, z), []).append(i)
     return starts.take(order[np.array(kept, dtype=np.int64)])
-
-
-def _pool_any(grid: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
-    x, y, z = grid.shape
-    blocks = grid.reshape(x // side, side, y // side, side, z // side, side)
-    return np.asarray(np.any(blocks, axis=(1, 3, 5)), dtype=np.bool_)
-
-
-def _double(grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return grid.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
-
-
-def _dilate(grid: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
-    """Grow the true cells by `steps` cells along each axis."""
-    for axis in range(3):
-        padded = np.pad(grid, [(steps, steps) if each == axis else (0, 0) for each in range(3)])
-        grid = np.asarray(sliding_window_view(padded, 2 * steps + 1, axis).any(-1))
-    return grid

@@ -9,7 +9,7 @@ import torch
 from panoloc.core.config import SearchConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.map.aliases import aliases_of
+from panoloc.core.map.aliases import aliases_in_another_map
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.search.candidates import MapCandidates
 from panoloc.core.search.map_search import search_maps
@@ -77,13 +77,8 @@ def aliases_of_pose(queries: Sequence[MapQuery], found: Hypothesis) -> list[Hypo
             is_one = stored.starts[0] >= 0
             starts, turns = stored.starts[0][is_one].long(), stored.turns[0][is_one]
         elif query.rig is own.rig:
-            starts, turns = aliases_of(
-                own.index.views,
-                own.index.starts,
-                start,
-                query.index.views,
-                query.index.starts,
-                query.config.aliases,
+            starts, turns = aliases_in_another_map(
+                own.index.views, start, query.index.views, query.index.starts, query.config.aliases
             )
         else:
             continue

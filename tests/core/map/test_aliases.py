@@ -5,11 +5,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 
 from panoloc.core.config import AliasConfig
+from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.map.aliases import aliases_of
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.map.aliases import _scores, aliases_in_another_map
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import IndexOptions
@@ -44,10 +47,25 @@ def map_of_the_room_again() -> MapIndex:
 
 
 def first_aliases(index: MapIndex) -> tuple[Array, Array, Array]:
-    """Return the starts (T, 3), where the best alias of each is (T, 3), and the turn to it (T,) degrees."""
-    assert bool((index.aliases.starts[:, 0] >= 0).all())
-    starts = index.starts.double().numpy()
-    return starts, starts[index.aliases.starts[:, 0].numpy()], np.degrees(index.aliases.turns[:, 0].double().numpy())
+    """Return the starts (T, 3) that have aliases, where the best alias of each is (T, 3), and the turn to it (T,) degrees."""
+    starts, first = index.starts.double().numpy(), index.aliases.starts[:, 0].numpy()
+    return (
+        starts[first >= 0],
+        starts[first[first >= 0]],
+        np.degrees(index.aliases.turns[first >= 0, 0].double().numpy()),
+    )
+
+
+def test_views_turned_by_columns_of_patches_score_as_in_a_search() -> None:
+    for own, others in ((map_of(BOX).views, map_of(BOX).views), (map_of(BOX).views, map_of(OTHER_BOX).views)):
+        angles = torch.arange(16) * (2 * math.pi / 16)
+        turns = rotation_from_vector(torch.nn.functional.pad(angles[:, None], (2, 0)))
+        described, grid = own.descriptors(1), own.grid.halved(1)
+        numbers = torch.tensor([5, 90])
+        for number, scores in zip(numbers.tolist(), _scores(own, numbers, others), strict=True):
+            along = described.values[number] @ own.basis.T @ others.basis
+            patches = DescribedPatches(along, torch.arange(len(along)), described.weights[number], grid)
+            torch.testing.assert_close(scores, patch_scores(patches, others.descriptors(1), turns), atol=1e-4, rtol=0)
 
 
 def share_off_by(turns_deg: Array, expected_deg: Array | float) -> float:
@@ -58,6 +76,7 @@ def share_off_by(turns_deg: Array, expected_deg: Array | float) -> float:
 
 def test_two_equal_rooms_alias_each_other_with_the_turn_between_them() -> None:
     starts, found, turns_deg = first_aliases(map_of_two_equal_rooms())
+    assert len(starts) > 0.9 * map_of_two_equal_rooms().num_starts  # a few lie between the rooms
     is_first = starts[:, 0] < 6
     assert 0.3 < is_first.mean() < 0.7
     there, back = starts @ AGAIN.rotation.T + AGAIN.position, (starts - AGAIN.position) @ AGAIN.rotation
@@ -69,6 +88,7 @@ def test_two_equal_rooms_alias_each_other_with_the_turn_between_them() -> None:
 
 def test_the_sides_of_a_symmetric_room_alias_each_other_after_half_a_turn() -> None:
     starts, found, turns_deg = first_aliases(map_of(SYMMETRIC))
+    assert len(starts) == map_of(SYMMETRIC).num_starts
     other_side = np.array([*SYMMETRIC.size_m[:2], 0.0]) + starts * (-1, -1, 1)
     np.testing.assert_allclose(found, other_side, atol=0.01)
     assert share_off_by(turns_deg, 180.0) == 0
@@ -82,13 +102,13 @@ def test_no_place_is_an_alias_of_itself_and_those_of_a_start_are_different_place
             kept = [(index.starts[k], math.degrees(turn)) for k, turn in zip(others, turns, strict=True) if k >= 0]
             assert len(kept) == len(others) or others[len(kept) :] == [-1] * (len(others) - len(kept))
             for place, turn in kept:
-                is_turned = min(turn, 360 - turn) > CONFIG.turned_deg
-                assert is_turned or float((place - index.starts[number]).norm()) >= CONFIG.elsewhere_m
+                is_turned = min(turn, 360 - turn) > CONFIG.elsewhere.angle_deg
+                assert is_turned or float((place - index.starts[number]).norm()) >= CONFIG.elsewhere.distance_m
             for k, (place, turn) in enumerate(kept):
                 for other, other_turn in kept[:k]:
                     between = abs((turn - other_turn + 180) % 360 - 180)
-                    far = float((place - other).norm()) >= CONFIG.distinct.distance_m
-                    assert far or between >= CONFIG.distinct.angle_deg - 0.1
+                    far = float((place - other).norm()) >= CONFIG.elsewhere.distance_m
+                    assert far or between >= CONFIG.elsewhere.angle_deg - 0.1
 
 
 @pytest.mark.parametrize(("box", "spacing_m"), [(OTHER_BOX, 0.5), (BOX, 0.8), (OTHER_BOX, 1.2), (BOX, 2.0)])
@@ -105,7 +125,7 @@ def test_hardly_any_start_of_a_single_room_has_one_however_far_apart_starts_are(
 def in_another_map(index: MapIndex, number: int) -> tuple[Array, Array]:
     """Return where in another map it looks as in that of BOX from a start, places (A, 3) and turns (A,) degrees."""
     own = map_of(BOX)
-    starts, turns = aliases_of(own.views, own.starts, number, index.views.to("cpu"), index.starts, CONFIG)
+    starts, turns = aliases_in_another_map(own.views, number, index.views.to("cpu"), index.starts, CONFIG)
     assert len(starts) <= CONFIG.most
     return index.starts[starts].double().numpy(), np.degrees(turns.double().numpy())
 

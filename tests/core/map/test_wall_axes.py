@@ -37,13 +37,6 @@ def test_a_floor_alone_has_no_walls() -> None:
     assert torch.equal(wall_axes(torch.from_numpy(floor).float()), torch.eye(3))
 
 
-def test_of_many_points_some_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    every = wall_axes(turned(box_points(), 17.0))
-    monkeypatch.setattr("panoloc.core.map.wall_axes._MOST_POINTS", 3_000)
-    some = wall_axes(turned(box_points(), 17.0))
-    torch.testing.assert_close(some, every, atol=0.01, rtol=0)
-
-
 def test_few_points_have_no_walls() -> None:
     assert torch.equal(wall_axes(torch.rand(3, 3)), torch.eye(3))
     assert surface_thickness(torch.rand(3, 3)) == 0.0
