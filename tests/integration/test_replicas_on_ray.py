@@ -92,7 +92,8 @@ def test_a_node_killed_under_queries_and_a_registration_costs_neither(site: Site
         assert eventually(lambda: bool(site.nodes_that_register()), PATIENCE_S)
         if NODE in site.nodes_that_register():
             break
-        assert eventually(lambda map_id=map_id: first.map(map_id)["status"] == "ready", PATIENCE_S)  # type: ignore[misc]
+        first.http.delete(f"/maps/{map_id}")
+        assert eventually(lambda: not site.nodes_that_register(), PATIENCE_S)
     else:
         raise AssertionError("no registration came to the node")
     asking = [Clients(str(replica.http.base_url), site.map_id, 2) for replica in site.replicas]
@@ -101,9 +102,9 @@ def test_a_node_killed_under_queries_and_a_registration_costs_neither(site: Site
     try:
         for clients in asking:
             assert eventually(lambda clients=clients: clients.answered_since(killed), PATIENCE_S)  # type: ignore[misc]
-        assert eventually(lambda: first.map(map_id)["status"] in ("ready", "failed"), PATIENCE_S)
     finally:
         answers = [clients.stop() for clients in asking]
+    assert eventually(lambda: first.map(map_id)["status"] in ("ready", "failed"), PATIENCE_S)
     assert [set(each.status) for each in answers] == [{200}, {200}]
     assert [each.wrong for each in answers] == [0, 0]
     assert first.map(map_id)["status"] == "ready", first.map(map_id)
