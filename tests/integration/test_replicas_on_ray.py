@@ -15,7 +15,7 @@ from panoloc.service.storage import open_storage
 from tests.campaign.clients import Clients
 from tests.integration.ray_cluster import RayClusterOfOthers, start_workers
 from tests.integration.real_redis import RealRedis
-from tests.integration.running_service import RunningService, eventually, statuses_of_changes_at_once
+from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
 pytestmark = [
@@ -77,12 +77,6 @@ def test_both_use_the_same_two_workers_and_see_the_same_maps(site: Site) -> None
         assert answer.status_code == 200, answer.text
         assert small_room().error_of(answer.json()).within(0.05, 5)
         assert replica.http.get("/health").json()["workers"]["num_workers"] == 2
-
-
-def test_of_two_changes_at_once_one_wins_and_both_show_it(site: Site) -> None:
-    first, second = site.replicas
-    assert statuses_of_changes_at_once(site.replicas, site.map_id) == [200, 412]
-    assert eventually(lambda: first.map(site.map_id) == second.map(site.map_id), 5)
 
 
 def test_a_node_killed_under_queries_and_a_registration_costs_neither(site: Site) -> None:
