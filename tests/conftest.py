@@ -9,6 +9,8 @@ from xdist.scheduler import LoadFileScheduling
 
 # Their tests share one service, which one process can start.
 TOGETHER = "tests/integration/one_service/"
+# Their tests wait for half of their time: beside each other they would leave processors idle.
+WAITING = "tests/service/"
 
 
 @pytest.hookimpl(wrapper=True)
@@ -24,13 +26,18 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let files begin first that wait for services, then those that compute long, so that none of them is left for the end."""
+    """Let files begin first that start services; then those that mostly wait and those that compute in turn, the slow ones first."""
     rank_of_file: dict[str, int] = {}
     for item in items:
         rank = 0 if item.get_closest_marker("integration") else 1 if item.get_closest_marker("slow") else 2
         file = _file_of(item)
         rank_of_file[file] = min(rank, rank_of_file.get(file, rank))
-    items.sort(key=lambda item: rank_of_file[_file_of(item)])
+    place_of_file: dict[str, float] = {}
+    for waits in (False, True):
+        files = [file for file, rank in rank_of_file.items() if rank and file.startswith(WAITING) == waits]
+        files.sort(key=rank_of_file.__getitem__)
+        place_of_file |= {file: (number + 1) / len(files) for number, file in enumerate(files)}
+    items.sort(key=lambda item: place_of_file.get(_file_of(item), 0.0))
 
 
 class FilesOfOneService(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types

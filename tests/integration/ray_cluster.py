@@ -42,14 +42,15 @@ class RayClusterOfOthers:
     def start(self, number: int) -> None:
         """Start a node. Ray gives its raylet 30 s, which on a busy machine is too little, so it is tried again."""
         place = (
-            ["--head", "--include-dashboard=false", f"--port={self.address.rpartition(':')[2]}",
-             f"--temp-dir={self._folder.name}"]
+            ["--head", "--include-dashboard=false", "--no-monitor",
+             f"--port={self.address.rpartition(':')[2]}", f"--temp-dir={self._folder.name}"]
             if number == 0
             else [f"--address={self.address}"]
         )  # fmt: skip
         command = [
             str(Path(sys.executable).with_name("ray")), "start", "--block", f"--num-cpus={self._num_cpus}",
-            f"--object-store-memory={_OBJECT_STORE_BYTES}", "--node-ip-address=127.0.0.1", *place,
+            f"--object-store-memory={_OBJECT_STORE_BYTES}", "--node-ip-address=127.0.0.1",
+            "--include-log-monitor=false", *place,
         ]  # fmt: skip
         log = Path(self._folder.name) / f"node-{number}.log"
         # What a node starts has to find this code, and tests.

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -42,20 +42,6 @@ def eventually(holds: Callable[[], bool], within_s: float) -> bool:
             return False
         time.sleep(0.05)
     return True
-
-
-def statuses_of_changes_at_once(replicas: "list[RunningService]", map_id: str) -> list[int]:
-    """Rename a map through every API replica at the same time, each naming the version that it replaces; return what they say, sorted."""
-    version = replicas[0].map(map_id)["version"]
-
-    def rename(replica: RunningService) -> int:
-        headers = {"If-Match": f'"{version}"'}
-        return replica.http.patch(
-            f"/maps/{map_id}", json={"name": f"of {replica.process.pid}"}, headers=headers
-        ).status_code
-
-    with ThreadPoolExecutor(len(replicas)) as callers:
-        return sorted(callers.map(rename, replicas))
 
 
 class RunningService:

@@ -40,7 +40,7 @@ def small_room() -> SmallRoom:
     """Build the room once."""
     scene = room_scene()
     pose = sample_pose(scene, np.random.default_rng(1))
-    return SmallRoom(encode_ply(scan_scene(scene, num_points=40_000)), _panorama_from(pose), pose)
+    return SmallRoom(encode_ply(scan_scene(scene, num_points=20_000)), _panorama_from(pose), pose)
 
 
 @cache

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.real_redis import RealRedis
-from tests.integration.running_service import RunningService, eventually, statuses_of_changes_at_once
+from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
@@ -61,12 +61,6 @@ def test_no_process_shows_the_key_of_the_bucket(replicas: Replicas) -> None:
         for pid in family:
             with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # ended meanwhile
                 assert b"a-secret" not in Path(f"/proc/{pid}/environ").read_bytes()
-
-
-def test_of_two_changes_at_once_one_wins_and_the_other_is_told(replicas: Replicas) -> None:
-    (map_id,) = [each["id"] for each in replicas[0].http.get("/maps").json()["items"]]
-    assert statuses_of_changes_at_once(list(replicas), map_id) == [200, 412]
-    assert replicas[0].map(map_id) == replicas[1].map(map_id)
 
 
 def test_a_registration_whose_replica_is_killed_is_taken_over(replicas: Replicas) -> None:

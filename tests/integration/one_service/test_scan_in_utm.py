@@ -1,18 +1,14 @@
-"""A mesh in an archive and a scan in UTM against a running service: registered, and a photo is found in them.
+"""A scan in UTM against a running service: registered, and a photo is found in it.
 
-Other kinds are registered and searched without a service in `tests/core/scan/test_photos_in_every_kind.py`.
+Scans of other kinds are registered and searched without a service in `tests/core/scan/test_photos_in_every_kind.py`.
 """
-
-import math
 
 import numpy as np
 import pytest
 from pyproj import CRS, Proj, Transformer
 
-from panoloc.core.geometry.pose import Pose, pose_error
 from tests.core.built_maps import BOX, POSE
 from tests.core.image.picture_files import encoded
-from tests.core.scan.mesh_files import obj_files, zip_of
 from tests.core.scan.test_coordinate_systems import PLACE, UTM_32, las_at
 from tests.integration.running_service import RunningService
 from tests.integration.small_room import OPTIONS
@@ -20,23 +16,10 @@ from tests.integration.small_room import OPTIONS
 pytestmark = pytest.mark.integration
 
 
-@pytest.fixture(scope="module")
-def panorama() -> bytes:
-    return encoded(BOX.panorama(POSE).color, "JPEG", quality=95)
-
-
-def test_a_photo_is_found_in_a_mesh_with_its_textures(service: RunningService, panorama: bytes) -> None:
-    map_id = service.register(zip_of(obj_files(BOX)), OPTIONS, "room.obj.zip")
-    answer = service.localize(panorama, map_id).json()
-    assert answer["status"] == "localized", answer
-    matrix = np.array(answer["pose"]["map_from_camera"]["matrix"])
-    assert pose_error(Pose(matrix[:3, :3], matrix[:3, 3]), POSE).within(0.05, 1.0)
-    assert math.isclose(service.map(map_id)["stats"]["bounds"]["max"][2], BOX.size_m[2], abs_tol=0.05)
-
-
-def test_a_scan_in_utm_gives_headings_from_true_north(service: RunningService, panorama: bytes) -> None:
+def test_a_scan_in_utm_gives_headings_from_true_north(service: RunningService) -> None:
     map_id = service.register(las_at(BOX.scan(), CRS(UTM_32).to_wkt()), OPTIONS, "room.laz")
     assert service.map(map_id)["coordinate_system"] == UTM_32
+    panorama = encoded(BOX.panorama(POSE).color, "JPEG", quality=95)
     answer = service.localize(panorama, map_id).json()
     pose = answer["pose"]
     position = pose["map_from_camera"]["position_m"]
