@@ -2,21 +2,17 @@
 
 from dataclasses import dataclass
 
-from panoloc.core.config.distances import DISTANCES, PoseDistance
-
 
 @dataclass(frozen=True)
 class StoppingRule:
     """When candidates stop before their last step; looked at after every `interval` steps.
 
-    move_m, turn_rad: a candidate whose last step was shorter than both has converged. merge: of candidates nearer to each other the one
-    with the smallest loss goes on alone.
+    A candidate has converged whose last step turned it by less than so many pixels of the level, and moved it by less than as many would
+    be a metre away. Of candidates that have come to the same pose the one with the smallest loss goes on alone.
     """
 
-    move_m: float
-    turn_rad: float
-    merge: PoseDistance | None = None
-    interval: int = 4
+    pixels: float = 0.1
+    interval: int = 3
 
 
 @dataclass(frozen=True)
@@ -50,9 +46,8 @@ class RefinementConfig:
     coarse_share: float = 0.085
     most_coarse_points: int = 1600
     coarse_margin_deg: float = 35.0
-    coarse_iterations: tuple[int, int] = (16, 12)
+    coarse_iterations: int = 16
     coarse_step: StepConfig = StepConfig(damping=0.1, max_step_m=0.3, robust_scale=2.0)
-    coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, DISTANCES.same)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light, less where millimetres count.
     coarse_contrast: float = 0.8
     medium_contrast: float = 0.4
@@ -67,20 +62,17 @@ class RefinementConfig:
         MediumRound(64, 22.5, 2.0),
         MediumRound(128, 11.25, None),
     )
-    medium_iterations: int = 6
-    medium_stop: StoppingRule = StoppingRule(0.002, 0.002, interval=3)
     # Fine, at full resolution: of rigs that cover little at twice these rows.
     fine_candidates: int = 2
     fine_rows: int = 256
     fine_points: int = 8000
-    fine_iterations: int = 6
     finest_points: int = 12_000  # at twice those rows
-    finest_iterations: int = 4
-    fine_stop: StoppingRule = StoppingRule(0.0003, 0.0003, interval=2)
     # Of the rendering that finds the points seen at full resolution; half where points fall into less than this share of the pixels: in a
     # room of 3,000 points poses are off by centimetres and not answered without.
     least_filled: float = 0.1
     step: StepConfig = StepConfig()
+    iterations: int = 6  # of all but the coarse levels
+    stop: StoppingRule = StoppingRule()
     # Of the points, by which halves of a picture are refined apart: with a quarter those of right poses end twice as far apart.
     halves_every: int = 2
 

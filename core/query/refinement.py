@@ -29,12 +29,14 @@ class Refinement:
         """Refine on what the starts see, at half the rows of a view and at all of them."""
         sizes, refined = self.config.refinement, []
         for rig, group in by_colors(self.queries, hypotheses):
-            for half, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
+            for half in (True, False):
                 level = rig.colors.level(
                     self.config.descriptors.view_height // (2 if half else 1), sizes.coarse_contrast, blur=half
                 )
                 parts = [self.queries[number].points_from_starts(part, half) for number, part in by_map(group)]
-                group = self._refine(level, joined(parts), group, iterations, sizes.coarse_step, sizes.coarse_stop)
+                group = self._refine(
+                    level, joined(parts), group, sizes.coarse_iterations, sizes.coarse_step, sizes.stop
+                )
             refined += group
         return refined
 
@@ -54,7 +56,7 @@ class Refinement:
                     )
                 level = rig.colors.level(planned.rows, sizes.medium_contrast)
                 step = replace(sizes.step, robust_scale=planned.robust_scale)
-                group = self._refine(level, joined(parts), group, sizes.medium_iterations, step, sizes.medium_stop)
+                group = self._refine(level, joined(parts), group, sizes.iterations, step, sizes.stop)
             refined += group
         return refined
 
@@ -64,15 +66,12 @@ class Refinement:
         sizes, rig = self.config.refinement, query.rig
         comparison = self._seen_from(query, hypothesis)
         tables = None if comparison.tables is None else comparison.tables[0]
-        for doubled, count, iterations in (
-            (1, sizes.fine_points, sizes.fine_iterations),
-            (2, sizes.finest_points, sizes.finest_iterations),
-        ):
+        for doubled, count in ((1, sizes.fine_points), (2, sizes.finest_points)):
             points = query.points_from_poses(
                 [hypothesis], comparison, count, self.config.descriptors.patch_deg, sizes.fine_contrast
             )
             level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.fine_contrast)
-            (hypothesis,) = self._refine(level, points, [hypothesis], iterations, sizes.step, sizes.fine_stop)
+            (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
         # How sharp the loss of the images is there, limits aside, says how far off the pose may be.
         (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None, is_free=True)
         beyond = self.queries[0].limits.beyond(there.rotation)

@@ -44,7 +44,7 @@ def halves_apart(
         both,
         rotation.expand(2, 3, 3),
         position.expand(2, 3),
-        config.medium_iterations,
+        config.iterations,
         config.step,
         log_focals=focals,
     )

@@ -6,13 +6,14 @@ proposes, four tenths still move after 16 steps, and four tenths are the same po
 Paper: §3.3 (refinement of the best candidates).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
+from panoloc.core.config import DISTANCES, StepConfig, StoppingRule
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.image.level import Level
 from panoloc.core.refine.patches import PatchSums
@@ -135,11 +136,10 @@ def refine(
         count = min(stop.interval if stop else iterations, iterations - done)
         done += count
         active = _stepped(active, level, config, count, within, focal_bounds, is_last=done == iterations)
-        if stop and stop.merge and done < iterations:
-            converged, active = _without_duplicates(converged, active, stop.merge, groups)
         if stop and done < iterations:
+            converged, active = _without_duplicates(converged, active, groups)
             turn, move = active.step[:, :3].norm(dim=-1), active.step[:, 3:].norm(dim=-1)
-            still = (turn < stop.turn_rad) & (move < stop.move_m)
+            still = torch.maximum(turn, move) < stop.pixels * math.pi / level.rows
             converged, active = [*converged, active.poses.take(still)], active.take(~still)
     return Refined.joined([*converged, active.poses])
 
@@ -200,14 +200,14 @@ def _information_of_focal(hessian: Tensor, mass: Tensor) -> Tensor:
 
 
 def _without_duplicates(
-    converged: list[Refined], active: _Active, near: PoseDistance, groups: Tensor | None
+    converged: list[Refined], active: _Active, groups: Tensor | None
 ) -> tuple[list[Refined], _Active]:
     """Leave out the candidates that are near one of a smaller loss."""
     together = Refined.joined([*converged, active.poses])
     order = together.loss.argsort()
     rotations, positions = together.rotations[order], together.positions[order]
     of = None if groups is None else groups[together.numbers[order]]
-    kept = first_distinct(rotations, positions, near, of)
+    kept = first_distinct(rotations, positions, DISTANCES.same, of)
     numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
     converged = [part.take(torch.isin(part.numbers, numbers)) for part in converged]
     return converged, active.take(torch.isin(active.poses.numbers, numbers))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from panoloc.core.config import PoseDistance, RefinementConfig, StoppingRule
+from panoloc.core.config import DISTANCES, RefinementConfig, StoppingRule
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
 from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
@@ -74,24 +74,23 @@ def one_by_one(
             each.step(is_last=done == iterations)
         if done % stop.interval or done == iterations:
             continue
-        if stop.merge is not None:
-            kept: list[Alone] = []
-            for each in sorted([*left, *resting], key=lambda one: one.loss):
-                if not any(are_near(each, other, stop.merge, groups) for other in kept):
-                    kept.append(each)
-            left, resting = [each for each in left if each in kept], [each for each in resting if each in kept]
+        kept: list[Alone] = []
+        for each in sorted([*left, *resting], key=lambda one: one.loss):
+            if not any(are_near(each, other, groups) for other in kept):
+                kept.append(each)
+        left, resting = [each for each in left if each in kept], [each for each in resting if each in kept]
         for each in list(left):
             step = known(each.last).step[0]
-            if float(step[:3].norm()) < stop.turn_rad and float(step[3:].norm()) < stop.move_m:
+            if max(float(step[:3].norm()), float(step[3:].norm())) < stop.pixels * math.pi / LEVEL.rows:
                 left.remove(each)
                 resting.append(each)
     return sorted([*left, *resting], key=lambda one: one.number)
 
 
-def are_near(one: Alone, other: Alone, near: PoseDistance, groups: list[int] | None) -> bool:
+def are_near(one: Alone, other: Alone, groups: list[int] | None) -> bool:
     if groups is not None and groups[one.number] != groups[other.number]:
         return False
-    angle = float(rotation_angle(one.rotation[0], other.rotation[0]))
+    angle, near = float(rotation_angle(one.rotation[0], other.rotation[0])), DISTANCES.same
     return float((one.position - other.position).norm()) < near.distance_m and angle < math.radians(near.angle_deg)
 
 
@@ -110,14 +109,11 @@ def assert_same(found: Refined, expected: list[Alone]) -> None:
 
 
 STOPS = {
-    "none": StoppingRule(0.0, 0.0, interval=3),
-    "nearly there": StoppingRule(0.02, 0.02, interval=2),
-    "turns alone": StoppingRule(9.0, 0.02, interval=2),
-    "moves alone": StoppingRule(0.02, 9.0, interval=2),
-    "all that meet": StoppingRule(0.0, 0.0, PoseDistance(0.05, 3.0), interval=3),
-    "both": StoppingRule(0.01, 0.01, PoseDistance(0.05, 3.0), interval=2),
-    "after every step": StoppingRule(0.01, 0.01, PoseDistance(0.02, 1.0), interval=1),
-    "seldom": StoppingRule(0.05, 0.05, PoseDistance(0.1, 9.0), interval=5),
+    "none": StoppingRule(0.0, 3),
+    "nearly there": StoppingRule(0.5, 2),
+    "early": StoppingRule(2.0, 2),
+    "after every step": StoppingRule(0.3, 1),
+    "seldom": StoppingRule(1.0, 5),
 }
 
 
@@ -137,7 +133,7 @@ def test_without_a_rule_all_steps_are_taken(iterations: int, bounds: tuple[float
     points, rotations, positions = candidates()
     focals = None if bounds is None else FOCALS
     found = refine(LEVEL, points, rotations, positions, iterations, CONFIG, log_focals=focals, focal_bounds=bounds)
-    assert_same(found, one_by_one(iterations, StoppingRule(0.0, 0.0, interval=99), None, bounds))
+    assert_same(found, one_by_one(iterations, StoppingRule(0.0, 99), None, bounds))
 
 
 def test_no_step_leaves_the_poses_as_they_are() -> None:

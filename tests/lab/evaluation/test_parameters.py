@@ -73,12 +73,12 @@ def test_numbers_are_halved_and_doubled_wherever_they_stand() -> None:
 
     near = SEARCH.reach_m
     assert [search.reach_m for search in values("search.reach_m", "search")] == [near / 2, near * 2]
-    stop = LocalizerConfig().refinement.coarse_stop
-    halved, doubled = (each.coarse_stop for each in values("refinement.coarse_stop.move_m", "refinement"))
-    assert (halved.move_m, doubled.move_m) == (stop.move_m / 2, stop.move_m * 2)
-    assert halved.turn_rad == stop.turn_rad
-    first, second = LocalizerConfig().refinement.coarse_iterations
-    assert values("refinement.coarse_iterations", "refinement")[1].coarse_iterations == (2 * first, 2 * second)
+    stop = LocalizerConfig().refinement.stop
+    halved, doubled = (each.stop for each in values("refinement.stop.pixels", "refinement"))
+    assert (halved.pixels, doubled.pixels) == (stop.pixels / 2, stop.pixels * 2)
+    assert halved.interval == stop.interval
+    least, most = LocalizerConfig().focal.bounds
+    assert values("focal.bounds", "focal")[1].bounds == (2 * least, 2 * most)
 
 
 def test_a_field_of_all_rounds_is_changed_together_and_what_is_none_stays_so() -> None:
@@ -96,9 +96,9 @@ def test_integers_stay_whole_and_above_nothing_and_shares_stay_shares() -> None:
     assert len({method.digest for method in varied}) == len({method.name for method in varied}) == len(varied)
     assert PARAMETERS["judge.sure"].half is not None
     assert PARAMETERS["judge.sure"].double is None
-    base = compared_method("one=fast:search.first_elsewhere=1,search.first_portion=3")
-    one, three = parameters_like(base, ["search.first_elsewhere", "search.first_portion"])[::-1]
-    assert (one.name, one.half) == ("search.first_elsewhere", None)
+    base = compared_method("one=fast:judge.rivals=1,search.first_portion=3")
+    one, three = parameters_like(base, ["judge.rivals", "search.first_portion"])[::-1]
+    assert (one.name, one.half) == ("judge.rivals", None)
     assert three.half is not None
     assert three.half.config.search.first_portion == 2
 
@@ -112,8 +112,8 @@ def test_the_paper_and_what_a_map_is_built_with_are_left_alone() -> None:
 
 
 def test_a_variant_names_fields_of_sections_within_sections() -> None:
-    variant = compared_method("x=fast:refinement.coarse_stop.move_m=2,search.reach_m=3")
-    assert (variant.config.refinement.coarse_stop.move_m, variant.config.search.reach_m) == (2.0, 3.0)
+    variant = compared_method("x=fast:refinement.stop.pixels=2,search.reach_m=3")
+    assert (variant.config.refinement.stop.pixels, variant.config.search.reach_m) == (2.0, 3.0)
 
 
 def test_outcomes_count_what_is_right_wrong_and_another_answer() -> None:
