@@ -12,10 +12,10 @@ def test_methods_have_different_digests() -> None:
 
 
 def test_a_variant_changes_the_named_fields_alone() -> None:
-    variant = compared_method("six=fast:search.num_candidates=6,refinement.coarse_iterations=(4, 2)")
+    variant = compared_method("six=fast:search.num_candidates=6,focal.bounds=(-0.2, 0.4)")
     assert (variant.name, variant.method) == ("six", "fast")
     assert variant.config.search.num_candidates == 6
-    assert variant.config.refinement.coarse_iterations == (4, 2)
+    assert variant.config.focal.bounds == (-0.2, 0.4)
     assert variant.config.paper == PaperConfig()
     assert variant.config.judge == LocalizerConfig().judge
 
