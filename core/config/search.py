@@ -18,8 +18,6 @@ class SearchConfig:
     rescored_pixels: int = 1_000_000
     few_rescored_pixels: int = 300_000  # of wide rigs, where lines leave few rotations, and of each translation grid
     histogram_weight: float = 0.04  # of the score by patches, added to that by pixels (docs/experiments.md)
-    square_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
-    margin_m: float = 0.5  # of starts beyond what limits allow
     # People hold cameras level: poses tilted no more than this are searched first.
     level_tilt_deg: float = 18.0
     # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, these are

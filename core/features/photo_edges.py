@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import CONTRAST, LineConfig
+from panoloc.core.image.level import VALID_SHARE
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
 
-_SURELY_VALID = 0.999
 _SMOOTHING = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
 
 
@@ -62,7 +62,7 @@ def _gradients(windows: Windows) -> tuple[Tensor, Tensor, Tensor]:
     east, north = planes[3:6] / torch.hypot(x, y).clamp_min(1e-3), planes[6:9]
     first, mixed, second = (east * east).sum(0), (east * north).sum(0), (north * north).sum(0)
     spread = ((first - second).square() / 4 + mixed.square()).sqrt()
-    magnitude = ((first + second) / 2 + spread).clamp_min(0).sqrt() * (share[0] > _SURELY_VALID)
+    magnitude = ((first + second) / 2 + spread).clamp_min(0).sqrt() * (share[0] > VALID_SHARE)
     angle = torch.atan2(2 * mixed, first - second) / 2
     return magnitude, angle.cos(), angle.sin()
 

@@ -62,7 +62,7 @@ class PaperMethod:
 
     def _searched(self, index: MapIndex, limits: PoseLimits) -> tuple[Tensor, Tensor]:
         """Return the starts (T, 3), N_t of the allowed ones evenly chosen, and the rotations (R, 3, 3)."""
-        starts = index.starts[limits.searched_starts(index.starts, self.localizer_config.search.margin_m)]
+        starts = index.starts[limits.searched_starts(index)]
         count = min(self.config.num_starts, len(starts))
         chosen = torch.linspace(0, len(starts) - 1, count).round().long() if count else torch.zeros(0, dtype=torch.long)
         allowed = limits.allows_rotation(self.rotations, rotation_spacing(len(self.rotations)) / 2)

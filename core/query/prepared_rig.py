@@ -90,7 +90,7 @@ class PreparedRig:
     @cached_property
     def described(self) -> DescribedRig:
         """Return what the images look like to the search."""
-        return DescribedRig(self.colors, self.config.search, self.config.descriptors)
+        return DescribedRig(self.colors, self.config.descriptors)
 
     @cached_property
     def edges(self) -> Edges:

@@ -6,7 +6,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from panoloc.core.config import DescriptorConfig, SearchConfig
+from panoloc.core.config import DescriptorConfig
 from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.patch_descriptors import DescribedPatches, centered_roots, pooled
@@ -39,8 +39,8 @@ class RigPixels:
 class DescribedRig:
     """What the images look like, the same for all maps that share their colours."""
 
-    def __init__(self, colors: CanonicalColors, search: SearchConfig, config: DescriptorConfig) -> None:
-        self._pyramid, self._search, self._config = colors.pyramid, search, config
+    def __init__(self, colors: CanonicalColors, config: DescriptorConfig) -> None:
+        self._pyramid, self._config = colors.pyramid, config
         self._grid = PatchGrid(config.patch_rows, 2 * config.patch_rows)
         windows = self._pyramid.windows(config.view_height)
         seen = windows.weights > 0
@@ -76,16 +76,17 @@ class DescribedRig:
     @cached_property
     def pixels(self) -> RigPixels:
         """Return the pixels at the resolution of the map's small pictures."""
-        return rig_pixels(self._pyramid, self._config.picture_height, self._search.square_pixels)
+        return rig_pixels(self._pyramid, self._config.picture_height, 2 * self._config.patch_deg)
 
     @cached_property
     def finer_pixels(self) -> RigPixels:
         """Return the pixels at twice that resolution."""
-        return rig_pixels(self._pyramid, 2 * self._config.picture_height, 2 * self._search.square_pixels)
+        return rig_pixels(self._pyramid, 2 * self._config.picture_height, 2 * self._config.patch_deg)
 
 
-def rig_pixels(pyramid: RigPyramid, rows: int, side: int) -> RigPixels:
-    """Return the pixels of images at `rows` to a sphere, in squares of `side` pixels a side."""
+def rig_pixels(pyramid: RigPyramid, rows: int, square_deg: float) -> RigPixels:
+    """Return the pixels of images at `rows` to a sphere, in squares of so many degrees a side."""
+    side = round(rows * square_deg / 180)
     windows = pyramid.windows(rows)
     valid = windows.weights > 0
     row, column = valid.nonzero(as_tuple=True)

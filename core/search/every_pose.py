@@ -16,7 +16,6 @@ from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.search.described_rig import RigPixels
 
 _STARTS_AT_ONCE = 512
-_SAMPLED_PIXELS = 200_000  # of a map, that its colours are equalized by
 
 
 def scores_of_every_pose(photos: RigPixels, views: DescribedViews, rotations: Tensor, is_labels: bool) -> Tensor:
@@ -37,8 +36,7 @@ def scores_of_every_pose(photos: RigPixels, views: DescribedViews, rotations: Te
 def _tables_of(views: DescribedViews) -> Tensor:
     """Return the tables (3, 256) that equalize the colours of a map."""
     colors, seen = views.pictures.flatten(0, 2), views.seen.flatten()
-    step = -(-len(colors) // _SAMPLED_PIXELS)
-    return equalization_tables(colors[None, ::step].float() / 255, seen[None, ::step].float())[0]
+    return equalization_tables(colors[None].float() / 255, seen[None].float())[0]
 
 
 class _Planes:

@@ -40,7 +40,7 @@ class MapSearch:
 
     def starts(self, limits: PoseLimits) -> Tensor:
         """Return the numbers (T,) of the starts that limits leave."""
-        return limits.searched_starts(self.index.starts, self.config.margin_m).nonzero()[:, 0]
+        return limits.searched_starts(self.index).nonzero()[:, 0]
 
     def first_scores(self, limits: PoseLimits) -> Tensor:
         """Return the score (T,) of each start that limits leave under its best rotation, by the largest patches."""

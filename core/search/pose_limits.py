@@ -110,9 +110,9 @@ class PoseLimits:
             position = position + rotation @ self.first_center
         return bool(self.allows_position(position)) and bool(self.allows_rotation(rotation))
 
-    def searched_starts(self, starts: Tensor, margin_m: float) -> Tensor:
-        """Return which starts (T, 3) are searched; the nearest one always is, when any limit lies near it."""
-        return self.allows_position(starts, margin_m + self.reach_m)
+    def searched_starts(self, index: MapIndex) -> Tensor:
+        """Return which starts (T,) of a map are searched: those whose leaves, the largest of which any may stand for, the limits reach."""
+        return self.allows_position(index.starts, float(index.leaf_sizes.max()) + self.reach_m)
 
 
 def _tilted_at_most(rotations: Tensor, up: Tensor, most: float) -> Tensor:

@@ -2,13 +2,13 @@
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from panoloc.core.config import SearchConfig
 from panoloc.core.options import Hints
 from panoloc.core.search.pose_limits import pose_limits
 from tests.properties.strategies import Array, finite, rotations
@@ -67,5 +67,6 @@ def test_whatever_is_allowed_is_searched(
     hints = Hints((0.0, 0.0, 0.0), 1.5, ((-1, -1, -1), (2, 2, 2)), True, tilt, heading, tolerance)
     limits = pose_limits(hints, SimpleNamespace(origin_offset=np.zeros(3)))  # type: ignore[arg-type]
     turned, placed = torch.from_numpy(rotation)[None], torch.from_numpy(position)[None]
+    placed_map: Any = SimpleNamespace(starts=placed, leaf_sizes=torch.tensor([0.5]))
     assert bool(limits.allows_rotation(turned, 0.1)) or not bool(limits.allows_rotation(turned))
-    assert bool(limits.searched_starts(placed, SearchConfig().margin_m)) or not bool(limits.allows_position(placed))
+    assert bool(limits.searched_starts(placed_map)) or not bool(limits.allows_position(placed))

@@ -7,11 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.options import Hints
 from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
+
+
+def starts_at(places: Tensor, size_m: float) -> Any:
+    """Return a map of starts (T, 3) in leaves of one size."""
+    return SimpleNamespace(starts=places, leaf_sizes=torch.full((len(places),), size_m))
+
 
 MAP: Any = SimpleNamespace(origin_offset=np.array([1_000_000.25, -2_000_000.5, 100.0]))
 
@@ -97,7 +104,7 @@ def test_without_a_hint_of_the_place_poses_stay_in_reach_of_the_free_space() -> 
     assert limits.allows_position(inside).all()
     outside = torch.tensor([[-0.96, 0, 1], [0, -0.96, 1], [0, 0, 0.04], [4.26, 2, 1], [3, 3.26, 1], [3, 2, 2.76]])
     assert not limits.allows_position(outside).any()
-    assert limits.searched_starts(STARTS.starts, 0.0).all()
+    assert limits.searched_starts(STARTS).all()
 
 
 @pytest.mark.parametrize("hints", [Hints(position_m=(90.0, 0.0, 0.0)), Hints(region=((50.0, 0, 0), (60.0, 1, 1)))])
@@ -108,7 +115,7 @@ def test_a_hint_of_the_place_counts_however_far_beyond_the_scan(hints: Hints) ->
 
 def test_the_search_reaches_beyond_the_hints_by_its_margins() -> None:
     limits = PoseLimits(center=torch.zeros(3), radius_m=1.0, max_tilt=math.radians(10))
-    assert limits.searched_starts(torch.tensor([[1.19, 0, 0], [1.21, 0, 0]]), 0.2).tolist() == [True, False]
+    assert limits.searched_starts(starts_at(torch.tensor([[1.19, 0, 0], [1.21, 0, 0]]), 0.2)).tolist() == [True, False]
     assert limits.allows_rotation(torch.stack((turned(x=16.5), turned(x=17.5))), math.radians(7.0)).tolist() == [
         True,
         False,
@@ -142,7 +149,7 @@ def test_a_rig_whose_up_axis_is_known_stays_upright_however_its_first_camera_is_
 def test_starts_are_searched_as_far_as_the_first_camera_may_be_from_the_middle() -> None:
     limits = PoseLimits(center=torch.zeros(3), radius_m=1.0).of_rig(torch.eye(3), torch.tensor([0.0, 0.3, 0.4]), None)
     places = torch.tensor([[1.69, 0, 0], [0, 0, -1.69], [1.71, 0, 0]])
-    assert limits.searched_starts(places, 0.2).tolist() == [True, True, False]
+    assert limits.searched_starts(starts_at(places, 0.2)).tolist() == [True, True, False]
 
 
 def test_what_tilts_too_much_is_turned_back_by_no_more_than_it_takes() -> None:

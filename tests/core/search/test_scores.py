@@ -83,7 +83,7 @@ def test_a_panorama_is_described_as_the_views_of_a_map_are(labels: bool) -> None
     valid[:16, :64] = False
     codes = label_codes(torch.from_numpy(np.repeat(palette, 50, 0))) if labels else None
     colors = CanonicalColors(RigPyramid(Rig.of_panorama(Panorama(color, valid)), 64, codes, "cpu"))
-    described = DescribedRig(colors, SEARCH, COARSE)
+    described = DescribedRig(colors, COARSE)
     windows = colors.pyramid.windows(COARSE.view_height)
     (solid,) = windows.inside(windows.weights)
     patch, flat = GRID.patch_of_pixel(16, 32).flatten()[None], solid.flatten()[None]
