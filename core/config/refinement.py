@@ -11,8 +11,8 @@ class StoppingRule:
     be a metre away. Of candidates that have come to the same pose the one with the smallest loss goes on alone.
     """
 
-    pixels: float = 0.1
-    interval: int = 3
+    pixels: float = 0.15
+    interval: int = 2
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class SearchConfig:
     swept_closer: int = 24
     # What a round proposes.
     num_candidates: int = 32
-    pool: int = 5000  # poses that candidates are chosen from
+    pool: int = 2500  # poses that candidates are chosen from
     first_portion: int = 9  # are looked at first
     # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
     reach_m: float = 0.75
