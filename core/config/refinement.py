@@ -46,7 +46,7 @@ class RefinementConfig:
     coarse_share: float = 0.085
     most_coarse_points: int = 1600
     coarse_margin_deg: float = 35.0
-    coarse_iterations: int = 16
+    coarse_iterations: int = 12
     coarse_step: StepConfig = StepConfig(damping=0.1, max_step_m=0.3, robust_scale=2.0)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light, less where millimetres count.
     coarse_contrast: float = 0.8

@@ -23,7 +23,7 @@ class SearchConfig:
     # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, these are
     # searched first, those of them that are so far apart; of their poses a pool is scored by patches, and the best again by pixels.
     line_rotations: int = 294_912
-    likely_rotations: int = 300
+    likely_rotations: int = 200
     likely_apart_deg: float = 4.0
     likely_histogram_weight: float = 0.08
     # The best of these are scored once more at places around their starts (see `panoloc.core.search.position_sweep`), and the first of them

@@ -118,6 +118,8 @@ def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis]) -
         return FoundCameras(rig, True, bound_deg=bound)
     if log_focal is None:
         return FoundCameras(rig)
+    if abs(log_focal) < 2 * given.photos[0].focal_uncertainty:  # as given, as far as that is known
+        return FoundCameras(rig, True)
     of = "an image" if len(given.images) == 1 else "images of which the first is"
     widths = f"{found_deg:.1f} degrees wide, not {given.photos[0].camera.hfov_deg:.1f} as given"
     return FoundCameras(rig, True, (f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}",))
