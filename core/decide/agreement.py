@@ -112,15 +112,6 @@ def agreement(
     )
 
 
-def likeness(here: Comparison, there: Comparison, config: JudgeConfig, share: float, patch_deg: float) -> float:
-    """Return the score of the scan as images would show it at one pose beside the scan as they would show it at another.
-
-    Both compared at one pose of the rig, in the same window of its axes: their pixels are the same directions.
-    """
-    both = here.weights * (there.weights > 0)
-    return float(agreement(replace(here, seen=there.scan, weights=both), config, share, patch_deg).score)
-
-
 def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
     """Return the hypotheses (K) with their score and measures."""
     names = [f.name for f in fields(measured) if f.name != "score" and getattr(measured, f.name) is not None]

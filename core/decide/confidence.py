@@ -19,16 +19,14 @@ from panoloc.core.decide.hypotheses import Hypothesis
 _USUALLY_APART = 7.0  # times the formal radius, halves of images whose pose is right; half of them are farther apart
 _GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other
 _FAR_AHEAD = 0.5  # of the score; places that are farther behind say nothing more
-# Of what was not measured: the logarithm of how many times nearer than what is right halves meet; how distinct places are that have no
-# rival; and how well lines agree that are not asked.
-_UNKNOWN_HALVES, _UNKNOWN_DISTINCTNESS, _UNKNOWN_LINES = 1.0, 0.5, 0.8
+# Of what was not measured: the logarithm of how many times nearer than what is right halves meet; and how well lines
+# agree that are not asked.
+_UNKNOWN_HALVES, _UNKNOWN_LINES = 1.0, 0.8
 _BLIND = 10.0, 180.0  # formal radii, metres and degrees, where nothing is known
 _LEAST_LOGARITHM, _MOST_LOGARITHM = -1.0, 7.0
 FEATURES = (
     "agreement",
-    "coverage",
     "margin",
-    "distinctness",
     "halves",
     "lines",
 )
@@ -123,12 +121,9 @@ def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, flo
         halves = _times_nearer(
             math.hypot(measures["halves_apart_m"] / RIGHT_M, measures["halves_apart_deg"] / RIGHT_DEG)
         )
-    alike = [rival.likeness for rival in rivals if rival.likeness is not None]
     return {
         "agreement": measures["patch_correlation"],
-        "coverage": math.log(max(measures["relative_coverage"], 0.05)),
         "margin": _margin(best, [rival for rival in rivals if not rival.is_alias]),
-        "distinctness": 1 - min(1.0, max(0.0, *alike) / max(best.score, 1e-6)) if alike else _UNKNOWN_DISTINCTNESS,
         "halves": halves,
         "lines": measures.get("lines", _UNKNOWN_LINES),
     }

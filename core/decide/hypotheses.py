@@ -25,11 +25,10 @@ class Hypothesis:
     score: of the judge, larger is better. measures: the judge's figures by name.
     loss: robust sampling loss of the last refinement. hessian: (6, 6), its curvature by turn (rad) and move (m) in the camera frame.
     residual_scale: of the last refinement, the residual at which a point counts a quarter. iterations: refinement steps so far.
-    color_model: how colours of scan and photo were brought together. likeness: to the best hypothesis, the score that the scan as the
-    images would show it here has beside the scan as they would show it there; None where it was not measured. is_alias: whether all that
-    the scan shows from here looks as it does at the best hypothesis. beyond_limits: whether the images alone would tilt it farther than the
-    limits allow, so that it fits these rather than the images. log_focal: logarithm of the factor by which the focal length is longer than
-    that of the rig, None where it is as that of the rig; information: of the images of it, as of `Refined`.
+    color_model: how colours of scan and photo were brought together. is_alias: whether all that the scan shows from here looks as it does
+    at the best hypothesis. beyond_limits: whether the images alone would tilt it farther than the limits allow, so that it fits these
+    rather than the images. log_focal: logarithm of the factor by which the focal length is longer than that of the rig, None where it is
+    as that of the rig; information: of the images of it, as of `Refined`.
     """
 
     map_number: int
@@ -43,7 +42,6 @@ class Hypothesis:
     residual_scale: float = 1.0
     iterations: int = 0
     color_model: str = "equalized"
-    likeness: float | None = None
     is_alias: bool = False
     beyond_limits: bool = False
     log_focal: float | None = None

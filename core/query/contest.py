@@ -10,12 +10,10 @@ from dataclasses import dataclass, replace
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import DISTANCES, LocalizerConfig
 from panoloc.core.decide.accuracy import RIGHT, Accuracy
-from panoloc.core.decide.agreement import likeness
 from panoloc.core.decide.hypotheses import (
     Hypothesis,
     by_map,
     by_score,
-    distinct,
     first_and_elsewhere,
     merged,
     with_aliases,
@@ -158,17 +156,18 @@ class Contest:
             self.hypotheses, self.comparison = others, None
             return
         best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, DISTANCES.place
-        with self.clock.stage("judge"):
-            known = sum(not full.final.is_near(best, place) for full in finals)
-            rivals, others = self._rivals(best, others, known)
-            compared = [(full.final, full.comparison) for full in finals[1:]]
-            compared += [self.queries[h.map_number].judge_alone(h) for h in rivals]
-            beside = [self._beside((best, self.comparison), *each) for each in compared]
-        elsewhere = [h for h in beside if not h.is_near(best, place)]
+        ranked = [full.final for full in finals[1:]]
+        if all(h.is_near(best, place) for h in ranked):
+            # Margins compare like with like: the best place elsewhere is judged as the best was. Where all others are at the best place,
+            # the best of the coarse poses elsewhere is that rival.
+            rivals = [h for h in (*others, *self._coarse) if not h.is_near(best, place)][:1]
+            others = [h for h in others if all(h is not rival for rival in rivals)]
+            with self.clock.stage("judge"):
+                ranked += [self.queries[h.map_number].judge_alone(h)[0] for h in rivals]
         # The rest was judged on smaller renderings, where scores are larger: none of it is better than what came before it.
-        least = min((h.score for h in elsewhere), default=math.inf)
+        least = min((h.score for h in ranked if not h.is_near(best, place)), default=math.inf)
         others = [replace(h, score=min(h.score, least)) for h in others]
-        self.hypotheses = [best, *beside, *others]
+        self.hypotheses = [best, *ranked, *others]
 
     def _with_signs(self, full: _Full) -> Hypothesis:
         """Return a hypothesis with what is measured of the best one alone, and only once: how far apart the halves of the images end from
@@ -205,30 +204,3 @@ class Contest:
             query = self.queries[number]
             judged += query.judge(group, query.rig.rows // (query.rig.finer if is_first else 1))
         return by_score(judged, DISTANCES.same)
-
-    def _rivals(
-        self, best: Hypothesis, others: Sequence[Hypothesis], known: int
-    ) -> tuple[list[Hypothesis], list[Hypothesis]]:
-        """Return the best of the others at places of their own, to be judged as the best was, for margins must compare like with
-        like; and the rest. known: how many such places were refined fully.
-
-        Where all others are at the best place, the best of the coarse poses that was elsewhere is the rival: how far it is behind says how
-        sure the answer is, although it was not refined further.
-        """
-        place, count = DISTANCES.place, max(0, self.config.judge.rivals - known)
-        elsewhere = distinct([h for h in others if not h.is_near(best, place)], place)
-        if not elsewhere and known == 0:
-            return [h for h in self._coarse if not h.is_near(best, place)][:1], list(others)
-        rivals = elsewhere[:count]
-        return rivals, [h for h in others if all(h is not rival for rival in rivals)]
-
-    def _beside(
-        self, best: tuple[Hypothesis, Comparison], hypothesis: Hypothesis, comparison: Comparison
-    ) -> Hypothesis:
-        """Return a hypothesis with how much what images would show there is like what they would show at the best; what is near the best
-        looks like it in any case, which says nothing."""
-        rig = self.queries[hypothesis.map_number].rig
-        if rig is not self.queries[best[0].map_number].rig or hypothesis.is_near(best[0], DISTANCES.elsewhere):
-            return hypothesis
-        alike = likeness(comparison, best[1], self.config.judge, rig.share, rig.patch_deg)
-        return replace(hypothesis, likeness=alike)

@@ -83,26 +83,15 @@ def test_each_alias_has_a_margin_of_its_own_within_the_same_bounds() -> None:
     assert alias_margins(judged(1.25), [judged(1.0, 3.0)]) == ()
 
 
-@pytest.mark.parametrize(
-    ("likenesses", "distinctness"),
-    [((0.1, 0.4, None), 0.2), ((0.1, 0.7), 0.0), ((-0.1,), 1.0)],
-)
-def test_a_place_is_as_distinct_as_the_one_that_resembles_it_most_leaves_it(
-    likenesses: tuple[float | None, ...], distinctness: float
-) -> None:
-    rivals = [replace(judged(0.2, 3.0 * k), likeness=each) for k, each in enumerate(likenesses, 1)]
-    assert features_of(judged(0.5), rivals)["distinctness"] == pytest.approx(distinctness)
-
-
 def test_what_was_not_measured_is_neither_a_good_sign_nor_a_bad_one() -> None:
     rival = judged(0.9, 3.0)
     found = features_of(judged(), [rival])
     assert tuple(found) == FEATURES
     good: dict[str, Any] = {"lines": 1.0, "halves_apart_m": 0.01, "halves_apart_deg": 0.1}
     bad: dict[str, Any] = {"lines": 0.0, "halves_apart_m": 0.5, "halves_apart_deg": 20.0}
-    best = features_of(judged(**good), [replace(rival, likeness=0.0)])
-    worst = features_of(judged(**bad), [replace(rival, likeness=1.2)])
-    for name in ("distinctness", "halves", "lines"):
+    best = features_of(judged(**good), [rival])
+    worst = features_of(judged(**bad), [rival])
+    for name in ("halves", "lines"):
         assert worst[name] < found[name] < best[name], name
 
 
@@ -111,8 +100,6 @@ def test_what_was_not_measured_is_neither_a_good_sign_nor_a_bad_one() -> None:
     [
         ({"patch_correlation": 0.7}, "agreement", 0.7),
         ({"lines": 0.3}, "lines", 0.3),
-        ({"relative_coverage": 0.5}, "coverage", math.log(0.5)),
-        ({"relative_coverage": 0.0}, "coverage", math.log(0.05)),
         # Halves that meet nearer are a better sign.
         ({"halves_apart_m": 0.3, "halves_apart_deg": 0.0}, "halves", 0.0),  # as a right pose may be off
         ({"halves_apart_m": 0.0, "halves_apart_deg": 10.0}, "halves", 0.0),

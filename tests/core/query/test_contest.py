@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from panoloc.core.camera.rig import Rig
-from panoloc.core.config import JudgeConfig, LocalizerConfig
+from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.accuracy import NO_NOISE
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.query.contest import Contest
@@ -23,12 +23,6 @@ UNSURE = Rig.of_photo(replace(PHOTO.photos[0], focal_uncertainty=0.02))
 # Of what a pose shows: two metres away, half of it.
 DEPTH, WEIGHTS = torch.tensor([[[1.0, 2.0, 3.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 0, 0, 0]])
 SMALLER = 0.5  # what is judged on the largest rendering has half the score
-
-
-@pytest.fixture(autouse=True)
-def _comparisons_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let places look unlike."""
-    monkeypatch.setattr("panoloc.core.query.contest.likeness", lambda *given: 0.0)
 
 
 def placed(x: float, score: float, log_focal: float = 0.0) -> Hypothesis:
@@ -70,7 +64,6 @@ def contest_of(
     moves: dict[float, float] | None = None,
     rig: Rig = PHOTO,
     others: Callable[[float], list[Hypothesis]] = lambda log_focal: [],
-    **judge: int,
 ) -> tuple[Contest, dict[str, list[Hypothesis]]]:
     """Return a contest in one map, whose judge halves scores at the end; and what each stage of refinement has seen."""
 
@@ -86,7 +79,7 @@ def contest_of(
         with_other_focal_lengths=lambda best, comparison: others(best.log_focal),
         index=SimpleNamespace(surface_thickness_m=0.007),
     )
-    config = replace(LocalizerConfig(), judge=JudgeConfig(**judge))  # type: ignore[arg-type]
+    config = LocalizerConfig()
     contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
     refinement = Refinement(moves or {})
     contest.refinement = cast(Any, refinement)
@@ -99,7 +92,7 @@ def found_by(contest: Contest) -> list[tuple[float, float]]:
 
 
 def test_what_was_refined_at_a_stage_is_not_again() -> None:
-    contest, seen = contest_of(rivals=1)
+    contest, seen = contest_of()
     ranked = [placed(0.0, 1.0), placed(3.0, 0.8), placed(6.0, 0.7)]
     contest.add(ranked[:2])
     contest.add(ranked[2:])
@@ -116,13 +109,10 @@ def test_a_pose_without_a_rival_is_alone_and_nothing_elsewhere_bounds_the_others
     assert found_by(contest) == [(0.0, 0.5), (0.2, 0.45), (0.4, 0.8)]
 
 
-@pytest.mark.parametrize("rivals", [1, 2, 3])
-def test_rivals_are_judged_as_the_best_is_and_what_is_not_counts_no_more_than_they(rivals: int) -> None:
-    contest, _ = contest_of(rivals=rivals)
-    ranked = [placed(3.0 * k, score) for k, score in enumerate((1.0, 0.8, 0.7, 0.66))]
-    contest.add(ranked)
-    judged = [SMALLER * h.score for h in ranked[: 1 + rivals]]
-    assert [h.score for h in contest.hypotheses] == [*judged, *[judged[-1]] * (3 - rivals)]
+def test_the_best_rival_is_judged_as_the_best_is_and_what_is_not_counts_no_more_than_it() -> None:
+    contest, _ = contest_of(moves={0.2: 0.3})
+    contest.add([placed(0.0, 1.0), placed(0.2, 0.9), placed(3.0, 0.8), placed(6.0, 0.7)])
+    assert found_by(contest) == [(0.0, 0.5), (0.3, 0.45), (3.0, 0.4), (6.0, 0.4)]
 
 
 def test_where_all_came_to_one_place_the_best_that_was_elsewhere_before_is_the_rival() -> None:

@@ -96,9 +96,9 @@ def test_integers_stay_whole_and_above_nothing_and_shares_stay_shares() -> None:
     assert len({method.digest for method in varied}) == len({method.name for method in varied}) == len(varied)
     assert PARAMETERS["judge.sure"].half is not None
     assert PARAMETERS["judge.sure"].double is None
-    base = compared_method("one=fast:judge.rivals=1,search.first_portion=3")
-    one, three = parameters_like(base, ["judge.rivals", "search.first_portion"])[::-1]
-    assert (one.name, one.half) == ("judge.rivals", None)
+    base = compared_method("one=fast:refinement.fine_candidates=1,search.first_portion=3")
+    one, three = parameters_like(base, ["refinement.fine_candidates", "search.first_portion"])[::-1]
+    assert (one.name, one.half) == ("refinement.fine_candidates", None)
     assert three.half is not None
     assert three.half.config.search.first_portion == 2
 
