@@ -130,8 +130,8 @@ def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, flo
 
 
 def alias_margins(best: Hypothesis, rivals: Sequence[Hypothesis]) -> tuple[float, ...]:
-    """Return by how much a score is over that of each of its aliases."""
-    return tuple(_margin(best, [rival]) for rival in rivals if rival.is_alias)
+    """Return by how much a score is over that of each of its aliases, as a share of it."""
+    return tuple(1 - rival.score / max(best.score, 1e-6) for rival in rivals if rival.is_alias)
 
 
 def _margin(best: Hypothesis, rivals: Sequence[Hypothesis]) -> float:
