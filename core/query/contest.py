@@ -72,7 +72,8 @@ class Contest:
 
     def add_focal_lengths(self) -> None:
         """Let poses with other focal lengths compete with the best; anew from the best of them while that is the better one."""
-        if not self.hypotheses or self.comparison is None or self.queries[0].rig.prior is None:
+        prior, focal = self.queries[0].rig.prior, self.config.focal
+        if not self.hypotheses or self.comparison is None or prior is None:
             return
         best, comparison, losers = self.hypotheses[0], self.comparison, []
         query = self.queries[best.map_number]
@@ -82,14 +83,14 @@ class Contest:
             with self.clock.stage("judge"):
                 tried = [h for h in self._judged(tried) if query.allows(h)]
             fulls = self._refined_fully(tried[:1])
-            if not fulls:
+            if not fulls or prior.is_as_stated(fulls[0].final.log_focal, focal.step):
                 break
             if fulls[0].final.score <= best.score:
                 losers.append(fulls[0].final)
                 break
             losers.append(best)
             best, comparison = self._with_signs(fulls[0]), fulls[0].comparison
-        power, others = self.config.focal.power, [loser for loser in losers if not loser.is_near(best, RIGHT)]
+        power, others = focal.power, [loser for loser in losers if not loser.is_near(best, RIGHT)]
         odds = sum((loser.score / max(best.score, 1e-6)) ** power for loser in others)
         best = replace(best, measures=best.measures | {"focal_odds": odds})
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses

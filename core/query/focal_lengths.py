@@ -34,6 +34,10 @@ class FocalPrior:
     most: float
     is_stated: bool
 
+    def is_as_stated(self, log_focal: float | None, step: float) -> bool:
+        """Return whether a focal length, the logarithm of its factor, is the stated one: the search bears half a step."""
+        return self.is_stated and log_focal is not None and abs(log_focal) < step / 2
+
     def tried(self, step: float) -> list[float]:
         """Return the logarithms that poses are refined from."""
         every = [k * step for k in range(math.ceil(self.least / step), math.floor(self.most / step) + 1)]
@@ -118,8 +122,6 @@ def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis]) -
         return FoundCameras(rig, True, bound_deg=bound)
     if log_focal is None:
         return FoundCameras(rig)
-    if abs(log_focal) < 2 * given.photos[0].focal_uncertainty:  # as given, as far as that is known
-        return FoundCameras(rig, True)
     of = "an image" if len(given.images) == 1 else "images of which the first is"
     widths = f"{found_deg:.1f} degrees wide, not {given.photos[0].camera.hfov_deg:.1f} as given"
     return FoundCameras(rig, True, (f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}",))

@@ -168,6 +168,13 @@ def test_at_the_same_place_another_focal_length_is_no_rival() -> None:
     assert contest.hypotheses[0].measures["focal_odds"] == 0.0
 
 
+def test_a_focal_length_that_is_hardly_another_is_none() -> None:
+    contest, _ = contest_of(others=lambda log_focal: [placed(1.0, 1.2, 0.07)])
+    contest.add([placed(0.0, 1.0)])
+    contest.add_focal_lengths()
+    assert (contest.hypotheses[0].log_focal, contest.hypotheses[0].measures["focal_odds"]) == (0.0, 0.0)
+
+
 def test_the_focal_length_that_fits_best_wins_also_where_it_is_come_to_by_way_of_another() -> None:
     ways = {0.0: [placed(1.0, 1.1, 0.3)], 0.3: [placed(2.0, 1.2, 0.6)], 0.6: [placed(2.5, 1.15, 0.5)]}
     contest, _ = contest_of(others=lambda log_focal: ways[log_focal])
