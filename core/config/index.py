@@ -52,7 +52,7 @@ class AliasConfig:
     """Which starts look the same (see `panoloc.core.map.aliases`), by the scores of patches of 22 degrees."""
 
     elsewhere: PoseDistance = PoseDistance(1.5, 60.0)  # nearer is the place itself, or one alias
-    least: float = 1.75  # score; the median of equal rooms is 2.7, of other rooms 1.2
+    least: float = 1.55  # score; the median of equal rooms is 2.7, of other rooms 1.2
     most: int = 3  # of each start
 
 
