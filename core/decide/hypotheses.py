@@ -141,14 +141,19 @@ def first_and_elsewhere(hypotheses: Sequence[Hypothesis], count: int, place: Pos
     return kept
 
 
-def with_aliases(hypotheses: Sequence[Hypothesis], same: Sequence[Hypothesis], near: PoseDistance) -> list[Hypothesis]:
+def with_aliases(
+    hypotheses: Sequence[Hypothesis], same: Sequence[Hypothesis], near: PoseDistance, least: float
+) -> list[Hypothesis]:
     """Return hypotheses, best first, with those marked that are at one of the places `same`, from all of which the scan looks the same,
-    where the best is at another of them. What is near the best is not elsewhere, however near it is to one of them as well."""
+    where the best is at another of them. What is near the best is not elsewhere, however near it is to one of them as well; and what has
+    less than the score `least` only seemed to look the same."""
     if not hypotheses or not any(hypotheses[0].is_near(place, near) for place in same):
         return list(hypotheses)
     best, *rest = hypotheses
     others = [place for place in same if not place.is_near(best, near)]
-    is_same = (not h.is_near(best, near) and any(h.is_near(other, near) for other in others) for h in rest)
+    is_same = (
+        h.score >= least and not h.is_near(best, near) and any(h.is_near(other, near) for other in others) for h in rest
+    )
     return [best, *(replace(h, is_alias=flag) for h, flag in zip(rest, is_same, strict=True))]
 
 

@@ -132,7 +132,8 @@ class Contest:
         least = self._least_of(self._medium)
         close += [h for h in self._settled_aliases if h.score >= least and all(h is not other for other in close)]
         self._finish(close)
-        self.hypotheses = with_aliases(self.hypotheses, self._aliases, DISTANCES.elsewhere)
+        least = self._least_of(self.hypotheses)
+        self.hypotheses = with_aliases(self.hypotheses, self._aliases, DISTANCES.elsewhere, least)
 
     def _least_of(self, ranked: Sequence[Hypothesis]) -> float:
         """Return the least score of poses that may still win against those that are ranked."""

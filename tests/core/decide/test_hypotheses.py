@@ -103,24 +103,25 @@ def test_the_first_are_kept_and_the_best_one_elsewhere() -> None:
 
 def test_places_near_those_that_look_the_same_are_marked_and_the_best_is_not() -> None:
     hypotheses = [placed(0.0), placed(4.1), placed(9.0), placed(4.0, map_number=1)]
-    marked = with_aliases(hypotheses, [placed(4.5), placed(0.1)], PoseDistance(1.0, 30.0))
+    marked = with_aliases(hypotheses, [placed(4.5), placed(0.1)], PoseDistance(1.0, 30.0), 0.0)
     assert [h.is_alias for h in marked] == [False, True, False, False]
-    assert with_aliases([], [placed(0.0)], PoseDistance(1.0, 30.0)) == []
+    assert with_aliases([], [placed(0.0)], PoseDistance(1.0, 30.0), 0.0) == []
 
 
 def test_what_is_near_the_best_is_no_equal_however_near_it_is_to_one() -> None:
     # 0.8 m beside the best, and as far from a place that looks the same.
     hypotheses = [placed(0.0), placed(0.8), placed(1.7)]
-    marked = with_aliases(hypotheses, [placed(0.0), placed(1.6)], PoseDistance(1.0, 30.0))
+    marked = with_aliases(hypotheses, [placed(0.0), placed(1.6)], PoseDistance(1.0, 30.0), 0.0)
     assert [h.is_alias for h in marked] == [False, False, True]
 
 
 def test_the_place_that_equals_were_sought_from_is_one_of_them_where_another_fits_better() -> None:
     sought_from, equal = placed(0.0), placed(4.5)
     ranked = [placed(4.4, 0.9), placed(0.1, 0.8), placed(9.0, 0.7)]
-    marked = with_aliases(ranked, [sought_from, equal], PoseDistance(1.0, 30.0))
+    marked = with_aliases(ranked, [sought_from, equal], PoseDistance(1.0, 30.0), 0.0)
     assert [h.is_alias for h in marked] == [False, True, False]
+    assert not any(h.is_alias for h in with_aliases(ranked, [sought_from, equal], PoseDistance(1.0, 30.0), 0.81))
     # What is best at none of these places says nothing of them.
     elsewhere = [placed(9.0, 0.9), placed(0.1, 0.8), placed(4.4, 0.7)]
-    marked = with_aliases(elsewhere, [sought_from, equal], PoseDistance(1.0, 30.0))
+    marked = with_aliases(elsewhere, [sought_from, equal], PoseDistance(1.0, 30.0), 0.0)
     assert not any(h.is_alias for h in marked)
