@@ -13,6 +13,7 @@ class StartsConfig:
 
     spacing_m: float = 0.5  # basin of convergence in a furnished room
     max_starts: int = 800
+    clearance_m: float = 0.25  # nobody holds a camera closer to a surface
     stray_share: float = 0.002  # of the points, at each end of an axis, that do not count as extent
     max_cells: int = 20_000_000  # more do not fit into memory; a scan that large is no building, or its unit is wrong
     min_coverage_share: float = 0.6  # of what the best start sees; below it a start lies outside of the scanned space

@@ -49,7 +49,7 @@ def octree_starts(
     spacing = max(config.spacing_m, 4 * (volume / config.max_cells) ** (1 / 3))
     for _ in range(12):
         # Nearer to each other than a largest leaf and one beside it that is half as large, leaves show the same.
-        starts = _thin(_empty_leaves(positions, lower, upper, spacing), (spacing + spacing / 2) / 2)
+        starts = _thin(_empty_leaves(positions, lower, upper, spacing, config.clearance_m), (spacing + spacing / 2) / 2)
         if len(starts) <= config.max_starts:
             break
         spacing *= max(1.02, (len(starts) / config.max_starts) ** (1 / 3))
@@ -94,10 +94,12 @@ def _extent(
     return np.maximum(lower, region[0]), np.minimum(upper, region[1])
 
 
-def _empty_leaves(positions: NDArray[np.float32], lower: FloatArray, upper: FloatArray, spacing: float) -> Starts:
+def _empty_leaves(
+    positions: NDArray[np.float32], lower: FloatArray, upper: FloatArray, spacing: float, clearance: float
+) -> Starts:
     """Return the empty leaves of an octree whose largest cells have the edge `spacing` and whose smallest a quarter of it.
 
-    All keep as clear of the points as the middle of a largest one does by itself: half the spacing, in whole smallest cells.
+    All keep clear of the points, in whole smallest cells.
     """
     smallest = spacing / 4
     if not bool((upper > lower).all()):
@@ -108,7 +110,8 @@ def _empty_leaves(positions: NDArray[np.float32], lower: FloatArray, upper: Floa
     index = index[((index >= 0) & (index < 4 * cells)).all(axis=1)]
     taken = torch.zeros((1, 1, *(4 * cells).tolist()))
     taken[0, 0, index[:, 0], index[:, 1], index[:, 2]] = 1
-    near = max_pool3d(taken, 5, stride=1, padding=2)
+    steps = round(clearance / smallest)
+    near = max_pool3d(taken, 2 * steps + 1, stride=1, padding=steps)
     centers, sizes = [], []
     divided = torch.ones((1, 1, *cells.tolist()))
     for side in (4, 2, 1):
