@@ -128,5 +128,8 @@ class Refinement:
                 replace(step, damping=focal.damping),
                 2 * iterations,
             )
+            stop = stop and replace(
+                stop, pixels=0.0
+            )  # steps are short all along the valley that pose and focal length share
         found = refine(level, points, rotations, positions, iterations, step, stop, numbers, within, focals, bounds)
         return with_refined(group, found)
