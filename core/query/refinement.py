@@ -128,8 +128,8 @@ class Refinement:
                 replace(step, damping=focal.damping),
                 2 * iterations,
             )
-            stop = stop and replace(
-                stop, pixels=0.0
-            )  # steps are short all along the valley that pose and focal length share
+            if stop and not rig.prior.is_stated:
+                # Steps are short all along the valley that pose and focal length share.
+                stop = replace(stop, pixels=0.0)
         found = refine(level, points, rotations, positions, iterations, step, stop, numbers, within, focals, bounds)
         return with_refined(group, found)
