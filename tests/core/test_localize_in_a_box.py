@@ -243,7 +243,7 @@ def test_a_scan_with_survey_coordinates_gives_poses_in_survey_coordinates() -> N
 def test_a_map_that_went_through_its_bytes_gives_the_same_pose_within_millimetres() -> None:
     found = localized(panorama(), decode_map_index(encode_map_index(map_of(BOX))))
     assert_found(found, POSE, 0.01, 0.3)
-    assert_found(found, best_of(answer()).pose, 0.005, 0.1)
+    assert_found(found, best_of(answer()).pose, 0.003, 0.1)
 
 
 @pytest.mark.slow

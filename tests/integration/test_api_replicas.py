@@ -9,6 +9,7 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,19 @@ def test_no_process_shows_the_key_of_the_bucket(replicas: Replicas) -> None:
         for pid in family:
             with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # ended meanwhile
                 assert b"a-secret" not in Path(f"/proc/{pid}/environ").read_bytes()
+
+
+def test_of_two_changes_at_once_one_wins_and_the_other_is_told(replicas: Replicas) -> None:
+    (map_id,) = [each["id"] for each in replicas[0].http.get("/maps").json()["items"]]
+    replaced = {"If-Match": f'"{replicas[0].map(map_id)["version"]}"'}
+
+    def rename(replica: RunningService) -> int:
+        name = {"name": f"of {replica.process.pid}"}
+        return replica.http.patch(f"/maps/{map_id}", json=name, headers=replaced).status_code
+
+    with ThreadPoolExecutor(2) as callers:
+        assert sorted(callers.map(rename, replicas)) == [200, 412]
+    assert replicas[0].map(map_id) == replicas[1].map(map_id)
 
 
 def test_a_registration_whose_replica_is_killed_is_taken_over(replicas: Replicas) -> None:

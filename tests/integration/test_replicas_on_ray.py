@@ -22,7 +22,7 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.skipif(shutil.which("redis-server") is None, reason="needs redis-server from apt"),
 ]
-PATIENCE_S = 300.0
+TIMEOUT_S = 300.0
 NODE, BOTH_NODES = 1, (0, 1)
 
 
@@ -60,7 +60,7 @@ def site() -> Iterator[Site]:
         site = Site(cluster, redis, data, [RunningService(data, **settings) for _ in range(2)])
         try:
             for replica in site.replicas:
-                replica.wait_until_ready(PATIENCE_S)
+                replica.wait_until_ready(TIMEOUT_S)
             yield site
         finally:
             for replica in site.replicas:
@@ -83,11 +83,11 @@ def test_a_node_killed_under_queries_and_a_registration_costs_neither(site: Site
     first = site.replicas[0]
     for _ in range(8):  # Ray spreads them over the nodes
         map_id = site.post()
-        assert eventually(lambda: bool(site.nodes_that_register()), PATIENCE_S)
+        assert eventually(lambda: bool(site.nodes_that_register()), TIMEOUT_S)
         if NODE in site.nodes_that_register():
             break
         first.http.delete(f"/maps/{map_id}")
-        assert eventually(lambda: not site.nodes_that_register(), PATIENCE_S)
+        assert eventually(lambda: not site.nodes_that_register(), TIMEOUT_S)
     else:
         raise AssertionError("no registration came to the node")
     asking = [Clients(str(replica.http.base_url), site.map_id, 2) for replica in site.replicas]
@@ -95,10 +95,10 @@ def test_a_node_killed_under_queries_and_a_registration_costs_neither(site: Site
     killed = time.monotonic()
     try:
         for clients in asking:
-            assert eventually(lambda clients=clients: clients.answered_since(killed), PATIENCE_S)  # type: ignore[misc]
+            assert eventually(lambda clients=clients: clients.answered_since(killed), TIMEOUT_S)  # type: ignore[misc]
     finally:
         answers = [clients.stop() for clients in asking]
-    assert eventually(lambda: first.map(map_id)["status"] in ("ready", "failed"), PATIENCE_S)
+    assert eventually(lambda: first.map(map_id)["status"] in ("ready", "failed"), TIMEOUT_S)
     assert [set(each.status) for each in answers] == [{200}, {200}]
     assert [each.wrong for each in answers] == [0, 0]
     assert first.map(map_id)["status"] == "ready", first.map(map_id)
@@ -111,7 +111,7 @@ def test_a_replica_with_another_redis_than_the_workers_says_so_and_takes_no_quer
         site.data, shared="true", redis_url=other.url, ray_address=site.cluster.address
     )  # fmt: skip
     try:
-        assert eventually(lambda: "PANOLOC_REDIS_URL" in replica.log, PATIENCE_S)
+        assert eventually(lambda: "PANOLOC_REDIS_URL" in replica.log, TIMEOUT_S)
         assert replica.status("/health/ready") == 503
     finally:
         replica.kill()
@@ -122,7 +122,7 @@ def test_a_head_that_is_killed_is_missed_and_its_successor_is_used_without_a_res
     pids = [replica.process.pid for replica in site.replicas]
     site.cluster.kill(0)
     for replica in site.replicas:
-        assert eventually(lambda replica=replica: replica.status("/health/ready") == 503, PATIENCE_S)  # type: ignore[misc]
+        assert eventually(lambda replica=replica: replica.status("/health/ready") == 503, TIMEOUT_S)  # type: ignore[misc]
         assert replica.status("/health/live") == 200
         refused = replica.localize(small_room().panorama, site.map_id)
         assert refused.status_code == 503, refused.text
@@ -130,6 +130,6 @@ def test_a_head_that_is_killed_is_missed_and_its_successor_is_used_without_a_res
     site.cluster.start(0)
     site.start_workers()
     for replica in site.replicas:
-        replica.wait_until_ready(PATIENCE_S)
+        replica.wait_until_ready(TIMEOUT_S)
         assert replica.localize(small_room().panorama, site.map_id).status_code == 200
     assert [replica.process.pid for replica in site.replicas] == pids

@@ -26,7 +26,7 @@ _NO_PARAMETERS = {
         *("*:*_AT_ONCE", "*:RENDER_BATCH", "*:BLOCK", "*:_BLOCK", "*:_FEW", "*:_RENDERED_BYTES"),
     ),
     "mathematics and rounding": (
-        *("*:_PHI", "*:_PSI", "*:_GENERATORS", "*:_ROUNDING", "*:_INSIDE"),
+        *("*:_PHI", "*:_PSI", "*:_ROUNDING", "*:_INSIDE"),
         *("core/features/patch_descriptors.py:_LEAST", "core/features/patch_descriptors.py:_ORDER"),
         "core/camera/lens.py:_*",
     ),

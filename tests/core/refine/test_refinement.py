@@ -75,7 +75,7 @@ def test_longer_steps_are_nearer_to_the_pose_where_noise_makes_plain_ones_creep(
         float((refine(level, POINTS, ROTATION[None], BESIDE[None], 8, config).positions[0] - POSITION).norm())
         for config in (STEP, replace(STEP, lengthening=1.0))
     )
-    assert longer < plain
+    assert longer < 0.8 * plain
 
 
 # Within limits of tilt, of a photo that is tilted by 5.8 degrees.

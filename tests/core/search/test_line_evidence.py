@@ -55,7 +55,7 @@ def test_few_rotations_are_left_and_the_right_one_is_among_them(hints: Hints | N
     assert first.by_lines
     every = rotations_of(CONFIG.search.line_rotations, "cpu")
     likely = evidence_of(query).likely_rotations(every, first.limits[0], CONFIG.search)
-    assert len(likely) < 400
+    assert len(likely) < 200
     assert nearest_deg(likely, ROTATION) < 4.0
     assert bool(first.limits[0].allows_rotation(likely, rotation_spacing(len(every)) / 2).all())
 

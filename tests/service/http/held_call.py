@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-_PATIENCE_S = 10.0
+_TIMEOUT_S = 10.0
 
 
 class HeldCall:
@@ -21,7 +21,7 @@ class HeldCall:
 
     async def begun(self) -> None:
         """Wait until the call has come."""
-        assert await asyncio.to_thread(self._begun.wait, _PATIENCE_S), "nobody called"
+        assert await asyncio.to_thread(self._begun.wait, _TIMEOUT_S), "nobody called"
 
     def let_go(self) -> None:
         """Let the call go on."""
@@ -30,7 +30,7 @@ class HeldCall:
     def _held(self, key: str, *arguments: Any) -> Any:
         if key.endswith(self._key_end) and not self._begun.is_set():
             self._begun.set()
-            assert self._may_go_on.wait(_PATIENCE_S), "nobody let the call go on"
+            assert self._may_go_on.wait(_TIMEOUT_S), "nobody let the call go on"
         return self._call(key, *arguments)
 
 
