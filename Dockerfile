@@ -55,6 +55,8 @@ COPY core ./core
 COPY lab ./lab
 COPY service ./service
 COPY --from=console /src/service/console/built ./service/console/built
+# The compiler of the kernels; it does not get into the image.
+RUN apt-get update && apt-get install -y --no-install-recommends g++ && rm -rf /var/lib/apt/lists/*
 RUN pip install --no-deps --no-build-isolation .
 # PyTorch's own tests and C++ headers are of no use here: 180 MB.
 RUN cd /opt/panoloc/lib/python3*/site-packages/torch && rm -rf test include && find bin -type f ! -name torch_shm_manager -delete

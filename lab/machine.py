@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from panoloc.core.kernels.library import kernels_name, num_threads
+
 
 def machine() -> dict[str, Any]:
     """Return what the figures were measured on."""
@@ -16,7 +18,8 @@ def machine() -> dict[str, Any]:
         "system": platform.platform(),
         "processor": _processor(),
         "cpu_count": os.cpu_count(),
-        "torch_threads": torch.get_num_threads(),
+        "threads": num_threads(),
+        "kernels": kernels_name(),
         "cuda_device": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
     }
 

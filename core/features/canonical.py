@@ -4,10 +4,11 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import CONTRAST
-from panoloc.core.features.equalization import apply_tables, equalize
+from panoloc.core.features.equalization import apply_tables, equalization_tables
 from panoloc.core.features.local_contrast import enlarged, mean_around, weights_between
 from panoloc.core.image.level import Level
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
+from panoloc.core.kernels.library import call, has_kernels_for
 
 
 class CanonicalColors:
@@ -28,23 +29,22 @@ class CanonicalColors:
         key = (rows, contrast_share, blur)
         if key not in self._levels:
             windows = self.pyramid.windows(min(rows, self.pyramid.finest_rows))
-            self._levels[key] = windows.level(self._mixed(windows, self.equalized(windows), contrast_share, blur))
+            self._levels[key] = self._level(windows, self._tables(windows), contrast_share, blur)
         return self._levels[key]
 
     def level_with(self, tables: Tensor | None, rows: int, contrast_share: float) -> Level:
         """Return a level equalized by the tables (3, 256) of one comparison and mixed with contrast; tables: None of labels."""
-        windows = self.pyramid.windows(min(rows, self.pyramid.finest_rows))
-        color = windows.color
-        if tables is not None:
-            color = apply_tables(color.flatten(1).T[None], tables[None])[0].T.reshape(color.shape)
-        return windows.level(self._mixed(windows, color, contrast_share, blur=False))
+        return self._level(self.pyramid.windows(min(rows, self.pyramid.finest_rows)), tables, contrast_share)
 
     def equalized(self, windows: Windows) -> Tensor:
         """Return packed colours (3, H, W) equalized over all valid pixels of all images."""
+        return _looked_up(windows.color, self._tables(windows))
+
+    def _tables(self, windows: Windows) -> Tensor | None:
+        """Return the tables (3, 256) that equalize the colours of all valid pixels of all images; None of labels."""
         if self.is_labels:
-            return windows.color
-        equalized = equalize(windows.color.flatten(1).T[None], windows.weights.flatten()[None])
-        return equalized[0].T.reshape(windows.color.shape)
+            return None
+        return equalization_tables(windows.color.flatten(1).T[None], windows.weights.flatten()[None])[0]
 
     def contrast(self, windows: Windows) -> Tensor:
         """Return the packed local contrast (3, H, W) in 0..1, as `panoloc.core.features.local_contrast` has it for a sphere."""
@@ -57,10 +57,24 @@ class CanonicalColors:
         ratio = logarithms.sub_(windows.packed(around)).mul_(windows.valid / CONTRAST.scale)
         return ratio.tanh_().add_(1).mul_(0.5)
 
-    def _mixed(self, windows: Windows, color: Tensor, contrast_share: float, blur: bool) -> Tensor:
-        if not self.is_labels:
+    def _level(self, windows: Windows, tables: Tensor | None, contrast_share: float, blur: bool = False) -> Level:
+        if tables is not None and has_kernels_for(windows.color):
+            colors = self._mixed(windows, tables, contrast_share)
+            return windows.level(_blurred(colors[:3], windows)) if blur else windows.level_of(colors)
+        color = _looked_up(windows.color, tables)
+        if tables is not None:
             color = torch.lerp(color, self.contrast(windows), contrast_share)
-        return _blurred(color, windows) if blur else color
+        return windows.level(_blurred(color, windows) if blur else color)
+
+    def _mixed(self, windows: Windows, tables: Tensor, contrast_share: float) -> Tensor:
+        """Return colours and validity (4, H, W) of a level by the kernel; in memory a pixel's numbers follow each other."""
+        pixels = windows.color.new_zeros((*windows.shape, 4))
+        planes = windows.color, windows.valid, *windows.shape
+        rules = tables, CONTRAST.darkest, CONTRAST.scale, contrast_share
+        for mean, place, first in zip(self._surroundings(), windows.places, windows.firsts, strict=True):
+            around = mean, *mean.shape[1:], int(place.is_round)
+            call("mixed_colors", *planes, first, place.height, place.width, *around, *rules, pixels)
+        return pixels.permute(2, 0, 1)
 
     def _surroundings(self) -> list[Tensor]:
         """Return the mean logarithm of colours around each pixel of small windows (3, h, w), over all images as one sphere."""
@@ -79,6 +93,13 @@ class CanonicalColors:
             parts = torch.split(mean, [height * width for height, width in sizes], dim=1)
             self._means = [part.view(3, *size) for part, size in zip(parts, sizes, strict=True)]
         return self._means
+
+
+def _looked_up(color: Tensor, tables: Tensor | None) -> Tensor:
+    """Return packed colours (3, H, W) looked up in tables (3, 256), as they are without."""
+    if tables is None:
+        return color
+    return apply_tables(color.flatten(1).T[None], tables[None])[0].T.reshape(color.shape)
 
 
 def _blurred(color: Tensor, windows: Windows) -> Tensor:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import DescriptorConfig
+from panoloc.core.features.equalization import equalization_tables
 from panoloc.core.features.patch_descriptors import (
     ViewDescriptors,
     centered_roots,
@@ -65,6 +66,13 @@ class DescribedViews:
         with torch.inference_mode(False):  # they outlive the query that asked for them first
             fine = self.descriptors()
             return (fine.values * fine.weights[..., None]).mT @ fine.values
+
+    @cached_property
+    def tables(self) -> Tensor:
+        """Return the tables (3, 256) that equalize all pictures together."""
+        with torch.inference_mode(False):  # they outlive the query that asked for them first
+            colors, seen = self.pictures.flatten(0, 2), self.seen.flatten()
+            return equalization_tables(colors[None].float() / 255, seen[None].float())[0]
 
     def take(self, keep: Tensor) -> "DescribedViews":
         """Return the views numbered `keep`."""

@@ -12,6 +12,8 @@ queries with equalised colours, 83 % with raw colours, 91 % with gains; one mode
 import torch
 from torch import Tensor
 
+from panoloc.core.kernels.library import call, has_kernels_for
+
 _BRIGHTEST = torch.iinfo(torch.uint8).max  # files have colours of 8 bits
 
 
@@ -26,6 +28,10 @@ def equalize(color: Tensor, weights: Tensor) -> Tensor:
 
 def equalization_tables(color: Tensor, weights: Tensor) -> Tensor:
     """Return the look-up tables (B, 3, 256) float32 that `equalize` applies."""
+    if has_kernels_for(color):
+        tables = color.new_empty((len(color), 3, _BRIGHTEST + 1))
+        call("equalization_tables", color, weights.expand(color.shape[:2]), *color.shape[:2], tables)
+        return tables
     histogram = torch.zeros((len(color), 3, _BRIGHTEST + 1), device=color.device)
     histogram.scatter_add_(2, quantized(color).transpose(1, 2), weights[:, None].expand(-1, 3, -1).contiguous())
     cumulative = histogram.cumsum(-1)
@@ -34,6 +40,10 @@ def equalization_tables(color: Tensor, weights: Tensor) -> Tensor:
 
 def apply_tables(color: Tensor, tables: Tensor) -> Tensor:
     """Return colours (B, P, 3) looked up in tables (B, 3, 256)."""
+    if has_kernels_for(color):
+        found = color.new_empty(color.shape)
+        call("apply_tables", color, tables, *color.shape[:2], found)
+        return found
     level = quantized(color).transpose(1, 2)
     return torch.gather(tables, 2, level).transpose(1, 2)
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from panoloc.core.config import LineConfig
 from panoloc.core.features.photo_edges import Edges
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
+from panoloc.core.kernels.library import call, has_kernels_for
 
 LEAST_SINE = 0.05  # of the angle from an edge to a vanishing point; nearer ones say nothing of the direction of an edge
 
@@ -61,6 +62,13 @@ class LineSupport:
 def _support(axes: Tensor, edges: Edges, config: LineConfig) -> Tensor:
     """Return what each of axes (A, 3) adds to the mean log-likelihood ratio of the edges."""
     spread = math.radians(config.edge_noise_deg)
+    if has_kernels_for(axes):
+        support = axes.new_empty(len(axes))
+        peak = float(alignment_ratio(torch.zeros(()), spread, config.aligned_share))
+        rules = _REACH * spread, spread, peak, LEAST_SINE
+        sides = axes, len(axes), edges.normals, edges.directions, edges.count
+        call("line_support", *sides, *rules, support)
+        return support
     sums = []
     for part in torch.split(axes, _AXES_AT_ONCE):
         off = part @ edges.normals.T

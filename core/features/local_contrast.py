@@ -15,6 +15,7 @@ from torch import Tensor
 
 from panoloc.core.config import CONTRAST
 from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.kernels.library import call, has_kernels_for
 
 
 def local_contrast(color: Tensor, valid: Tensor, window: SphereWindow | None = None) -> Tensor:
@@ -24,9 +25,15 @@ def local_contrast(color: Tensor, valid: Tensor, window: SphereWindow | None = N
     all of it. Surroundings are round on the sphere, so that a turned camera sees the same contrast.
     """
     window = window or SphereWindow.of_sphere(color.shape[1])
-    known = valid[..., None]
+    mean, known = _surroundings(color, valid, window), valid[..., None]
+    if has_kernels_for(color):
+        contrast = color.new_empty(color.shape)
+        images = color, valid, *color.shape[:3]
+        around = mean, *mean.shape[2:], int(window.is_round)
+        call("local_contrast", *images, *around, CONTRAST.darkest, CONTRAST.scale, contrast)
+        return contrast
     contrast = (color + CONTRAST.darkest).log_().mul_(known)
-    contrast -= _mean_around(contrast, valid, window)
+    contrast -= enlarged(mean, (window.height, window.width), window.is_round).permute(0, 2, 3, 1)
     return contrast.mul_(known / CONTRAST.scale).tanh_().add_(1).mul_(0.5)
 
 
@@ -56,15 +63,16 @@ def enlarged(mean: Tensor, size: tuple[int, int], is_round: bool) -> Tensor:
     return wide[..., wide_margin:-wide_margin]
 
 
-def _mean_around(values: Tensor, valid: Tensor, window: SphereWindow) -> Tensor:
-    """Return the weighted mean around each pixel of values (B, H, W, 3) that are zero where invalid."""
+def _surroundings(color: Tensor, valid: Tensor, window: SphereWindow) -> Tensor:
+    """Return the weighted mean logarithm of (B, H, W, 3) colours around each pixel of a small image, (B, 3, h, w)."""
     stride, around = max(1, window.rows // (4 * CONTRAST.rows)), window.at(CONTRAST.rows)
     some = slice(stride // 2, None, stride)
-    planes = torch.cat((values[:, some, some], valid[:, some, some, None]), dim=-1).permute(0, 3, 1, 2)
+    known = valid[:, some, some, None]
+    logarithms = (color[:, some, some] + CONTRAST.darkest).log_().mul_(known)
+    planes = torch.cat((logarithms, known), dim=-1).permute(0, 3, 1, 2)
     small = torch.nn.functional.interpolate(planes, size=(around.height, around.width), mode="area")
-    mean = mean_around(small.flatten(2), _weights_around(around, str(values.device)))
-    mean = mean.view(len(values), 3, around.height, around.width)
-    return enlarged(mean, (window.height, window.width), window.is_round).permute(0, 2, 3, 1)
+    mean = mean_around(small.flatten(2), _weights_around(around, str(color.device)))
+    return mean.view(len(color), 3, around.height, around.width)
 
 
 @lru_cache(maxsize=8)

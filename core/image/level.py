@@ -5,12 +5,14 @@ Each image has a centre of its own: the parallax between frames that a hand has 
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
 _MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
 VALID_SHARE = 0.99  # of the four pixels that a sample mixes
+BORDER = 2  # pixels around each window, of which the outer ones are there for derivatives alone
 
 
 @dataclass(frozen=True)
@@ -38,24 +40,47 @@ class SampledPoints:
 
 @dataclass(frozen=True)
 class Level:
-    """Windows of M images at `rows` to a sphere, packed below each other.
+    """Windows of M images at `rows` to a sphere, packed below each other with a border of `BORDER` pixels.
 
-    planes: (C, H, W) float32: colour (3), in a level with derivatives those by azimuth (3) and by elevation (3) per radian, validity (1).
-    places: (5, M), where each window lies: first column and row on its sphere, less the border; last column and row within the window,
-    border included; its top in the planes. rotations: (M, 3, 3) rig_from_camera; centers: (M, 3) metres.
+    colors: (4, H, W) float32, colour and validity. places: (5, M), where each window lies: first column and row on its sphere, less the
+    inner border; last column and row within the window, inner border included; its top in the planes. rotations: (M, 3, 3)
+    rig_from_camera; centers: (M, 3) metres.
     """
 
-    planes: Tensor
+    colors: Tensor
     rows: int
     places: Tensor
     rotations: Tensor
     centers: Tensor
 
-    def sample(self, azimuth: Tensor, elevation: Tensor, image: Tensor | int) -> Tensor:
-        """Return the planes (K, C, N) at directions (K, N), radians, in the axes of the images numbered `image` (K, N), or of one of them.
+    @cached_property
+    def planes(self) -> Tensor:
+        """Return planes (10, H, W): colour (3), its derivatives by azimuth (3) and by elevation (3) per radian, validity (1).
+
+        At the edge of what is valid the derivative is unknown, not that towards a black pixel.
+        """
+        planes = self.colors.new_zeros((10, *self.colors.shape[1:]))
+        planes[:3], planes[9] = self.colors[:3], self.colors[3]
+        color, seen, per_rad = planes[:3], planes[9], self.rows / (2 * math.pi)
+        # Columns run against the azimuth, rows against the elevation.
+        across, down = seen[:, 2:] * seen[:, :-2] * per_rad, seen[2:] * seen[:-2] * per_rad
+        torch.mul(color[:, :, :-2] - color[:, :, 2:], across, out=planes[3:6, :, 1:-1])
+        torch.mul(color[:, :-2] - color[:, 2:], down, out=planes[6:9, 1:-1])
+        return planes
+
+    @cached_property
+    def pixels(self) -> Tensor:
+        """Return colour and validity (H, W, 4), pixel after pixel."""
+        return self.colors.permute(1, 2, 0).contiguous()
+
+    def sample(self, azimuth: Tensor, elevation: Tensor, image: Tensor | int, planes: Tensor | None = None) -> Tensor:
+        """Return packed planes (K, C, N), colour and validity where none are given, at directions (K, N), radians.
+
+        image: whose axes the directions are in, a number for each (K, N), or one for all.
 
         Outside of an image's window validity is zero.
         """
+        planes = self.colors if planes is None else planes
         if isinstance(image, int):
             first_column, first_row, last_column, last_row, top = self.places[:, image]
         else:
@@ -63,12 +88,13 @@ class Level:
                 5, *image.shape
             )
         per_rad = self.rows / math.pi
-        # In pixels from the centre of a window's top-left border pixel.
-        column = torch.minimum(((math.pi - azimuth) * per_rad - first_column).clamp_min_(0), last_column)
-        row = torch.minimum(((math.pi / 2 - elevation) * per_rad - first_row).clamp_min_(0), last_row) + top
-        height, width = self.planes.shape[1:]
+        # In pixels from the centre of a window's top-left pixel of the outer border.
+        outer = BORDER - 1
+        column = torch.minimum(((math.pi - azimuth) * per_rad - first_column).clamp_min_(0), last_column) + outer
+        row = torch.minimum(((math.pi / 2 - elevation) * per_rad - first_row).clamp_min_(0), last_row) + top + outer
+        height, width = planes.shape[1:]
         grid = torch.stack((column * (2 / (width - 1)) - 1, row * (2 / (height - 1)) - 1), dim=-1)
-        images = self.planes.expand(len(azimuth), -1, -1, -1)
+        images = planes.expand(len(azimuth), -1, -1, -1)
         sampled = torch.nn.functional.grid_sample(images, grid[:, None], align_corners=True, padding_mode="border")
         return sampled[:, :, 0]
 
@@ -97,7 +123,7 @@ class Level:
         x, y, z = in_camera.unbind(1)
         flat_square = torch.addcmul(x.square(), y, y)
         flat = flat_square.sqrt()
-        sampled = self.sample(torch.atan2(y, x), torch.atan2(z, flat), 0 if images is None else images)
+        sampled = self.sample(torch.atan2(y, x), torch.atan2(z, flat), 0 if images is None else images, self.planes)
         # ∂azimuth/∂p = (-y, x, 0) / f² and ∂elevation/∂p = (-x z / f, -y z / f, f) / d², with f² = x² + y² and d² = x² + y² + z².
         square = torch.addcmul(flat_square, z, z).clamp_min_(1e-12)
         stable = torch.maximum(flat_square, square * _MIN_COSINE**2)

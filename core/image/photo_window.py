@@ -18,6 +18,7 @@ from panoloc.core.config import CONTRAST
 from panoloc.core.errors import OptionsError, PanoramaUnusableError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.kernels.library import call, has_kernels
 
 FINEST_ROWS = 1024  # of the sphere on which photos are looked at
 _LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
@@ -204,6 +205,10 @@ def _sampled(
     if nearest:
         at = np.clip(v.astype(np.int64), 0, height - 1), np.clip(u.astype(np.int64), 0, width - 1)
         return color[at] * shown[..., None], valid[at] & shown
+    if has_kernels():
+        picture, seen = np.empty((*u.shape, 3), np.uint8), np.empty(u.shape, np.bool_)
+        call("sample_image", color, valid, height, width, u, v, shown, u.size, picture, seen)
+        return picture, seen
     at_u, at_v = u[shown] - 0.5, v[shown] - 0.5
     left = np.clip(np.floor(at_u), 0, max(width - 2, 0)).astype(np.int64)
     top = np.clip(np.floor(at_v), 0, max(height - 2, 0)).astype(np.int64)

@@ -19,8 +19,9 @@ from panoloc.core.geometry.projection import unproject
 from panoloc.core.geometry.rotations import even_directions
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.image.label_codes import LabelCodes
-from panoloc.core.image.level import Level
+from panoloc.core.image.level import BORDER, Level
 from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
+from panoloc.core.kernels.library import num_threads
 
 _COARSE_ROWS = 32  # of the windows that tell roughly what images show; those of `EXTENT_ROWS` tell it
 
@@ -48,29 +49,40 @@ class Window:
 
 
 class Windows:
-    """All images of a rig at `rows` to a sphere, packed below each other with a border of one pixel around each.
+    """All images of a rig at `rows` to a sphere, packed below each other with a border of `BORDER` pixels around each.
 
     Packed planes are (..., H, W). color: (3, H, W), valid: (H, W). tops: the first row of each window, border included.
     """
 
     def __init__(self, windows: list[Window], rotations: Tensor, centers: Tensor) -> None:
         self.each, self.rows, self._rotations, self._centers = windows, windows[0].place.rows, rotations, centers
-        self.tops = np.cumsum([0, *(len(w.valid) + 2 for w in windows)]).tolist()
-        self.shape = self.tops[-1], max(w.valid.shape[1] for w in windows) + 2
+        self.tops = np.cumsum([0, *(len(w.valid) + 2 * BORDER for w in windows)]).tolist()
+        self.shape = self.tops[-1], max(w.valid.shape[1] for w in windows) + 2 * BORDER
         self.color = self.packed([w.color * w.valid for w in windows])
         self.valid = self.packed([w.valid for w in windows])
 
     def packed(self, planes: list[Tensor]) -> Tensor:
         """Return planes (..., h, w) of every window packed; what lies between windows is zero."""
         whole = planes[0].new_zeros((*planes[0].shape[:-2], *self.shape))
-        for plane, top in zip(planes, self.tops, strict=False):
-            whole[..., top + 1 : top + 1 + plane.shape[-2], 1 : plane.shape[-1] + 1] = plane
+        for plane, inside in zip(planes, self.inside(whole), strict=True):
+            inside[:] = plane
         return whole
 
     def inside(self, packed: Tensor) -> list[Tensor]:
         """Return the planes (..., h, w) of every window of packed ones."""
         sizes = (w.valid.shape for w in self.each)
-        return [packed[..., top + 1 : top + 1 + h, 1 : w + 1] for (h, w), top in zip(sizes, self.tops, strict=False)]
+        firsts = (top + BORDER for top in self.tops)
+        return [packed[..., y : y + h, BORDER : BORDER + w] for (h, w), y in zip(sizes, firsts, strict=False)]
+
+    @property
+    def places(self) -> list[SphereWindow]:
+        """Return where on the sphere each window lies."""
+        return [window.place for window in self.each]
+
+    @property
+    def firsts(self) -> list[int]:
+        """Return the number, among all pixels of a packed plane, of the first pixel of each window."""
+        return [(top + BORDER) * self.shape[1] + BORDER for top in self.tops[:-1]]
 
     @cached_property
     def solid_angles(self) -> Tensor:
@@ -86,7 +98,7 @@ class Windows:
     @cached_property
     def image(self) -> Tensor:
         """Return the number (H, W) int64 of the image that each pixel is of."""
-        heights = torch.tensor([len(w.valid) + 2 for w in self.each], device=self.valid.device)
+        heights = torch.tensor([len(w.valid) + 2 * BORDER for w in self.each], device=self.valid.device)
         rows = torch.arange(len(self.each), device=self.valid.device).repeat_interleave(heights)
         return rows[:, None].expand(self.shape)
 
@@ -94,11 +106,10 @@ class Windows:
     def directions(self) -> Tensor:
         """Return the direction (H, W, 3) of each pixel in its camera's axes."""
         found = self.valid.new_zeros((*self.shape, 3))
-        for at, top in zip((w.place for w in self.each), self.tops, strict=False):
+        for at, inside in zip(self.places, self.inside(found.movedim(-1, 0)), strict=True):
             u = at.first_column + torch.arange(at.width, device=found.device) + 0.5
             v = at.first_row + torch.arange(at.height, device=found.device) + 0.5
-            inside = found[top + 1 : top + 1 + at.height, 1 : at.width + 1]
-            inside[:] = unproject(u, v[:, None], self.rows, 2 * self.rows)
+            inside[:] = unproject(u, v[:, None], self.rows, 2 * self.rows).movedim(-1, 0)
         return found
 
     @cached_property
@@ -108,50 +119,39 @@ class Windows:
             return self.directions @ self._rotations[0].T
         return torch.einsum("hwab,hwb->hwa", self._rotations[self.image], self.directions)
 
-    def level(self, color: Tensor, with_derivatives: bool = True) -> Level:
+    def level(self, color: Tensor) -> Level:
         """Return the level of other packed colours (3, H, W) of the same windows.
 
-        At the edge of what is valid the derivative is unknown, not that towards a black pixel. A window of a full turn goes on around its
-        seam, and over the poles that it has.
+        A window of a full turn goes on around its seam, and over the poles that it has.
         """
-        if not with_derivatives:
-            planes = torch.cat((color, self.valid[None]))
-            self.continue_around(planes)
-        else:
-            planes = color.new_zeros((10, *self.shape))
-            planes[:3], planes[9] = color, self.valid
-            self.continue_around(planes)
-            color, seen, per_rad = planes[:3], planes[9], self.rows / (2 * math.pi)
-            # Columns run against the azimuth, rows against the elevation.
-            across, down = seen[:, 2:] * seen[:, :-2] * per_rad, seen[2:] * seen[:-2] * per_rad
-            torch.mul(color[:, :, :-2] - color[:, :, 2:], across, out=planes[3:6, :, 1:-1])
-            torch.mul(color[:, :-2] - color[:, 2:], down, out=planes[6:9, 1:-1])
-            self.continue_around(planes[3:6])
-            self.continue_around(planes[6:9], turns_over_poles=True)
-        return Level(planes, self.rows, self._places, self._rotations, self._centers)
+        return self.level_of(torch.cat((color, self.valid[None])))
+
+    def level_of(self, colors: Tensor) -> Level:
+        """Return the level of packed colours and validity (4, H, W), whose borders are written."""
+        self.continue_around(colors)
+        return Level(colors, self.rows, self._places, self._rotations, self._centers)
 
     @cached_property
     def _places(self) -> Tensor:
         places = [
             (at.first_column - 0.5, at.first_row - 0.5, at.width + 1, at.height + 1, top)
-            for at, top in zip((w.place for w in self.each), self.tops, strict=False)
+            for at, top in zip(self.places, self.tops, strict=False)
         ]
         return torch.tensor(places, dtype=torch.float32, device=self.valid.device).T.contiguous()
 
-    def continue_around(self, planes: Tensor, turns_over_poles: bool = False) -> None:
-        """Let the borders of full turns in packed planes (C, H, W) continue them, in place.
-
-        turns_over_poles: planes are derivatives by elevation, which falls again beyond a pole.
-        """
-        for at, top in zip((w.place for w in self.each), self.tops, strict=False):
+    def continue_around(self, planes: Tensor) -> None:
+        """Let the borders of full turns in packed planes (C, H, W) continue them, in place."""
+        for at, top in zip(self.places, self.tops, strict=False):
             if not at.is_round:
                 continue
-            bordered = planes[:, top : top + at.height + 2, : at.width + 2]
-            for pole, edge, border, row in ((0, at.first_row, 0, 1), (at.rows, at.first_row + at.height, -1, -2)):
-                if edge == pole:
-                    beyond = torch.roll(bordered[:, row, 1:-1], self.rows, dims=-1)
-                    bordered[:, border, 1:-1] = -beyond if turns_over_poles else beyond
-            bordered[..., 0], bordered[..., -1] = bordered[..., -2], bordered[..., 1]
+            bordered = planes[:, top : top + at.height + 2 * BORDER, : at.width + 2 * BORDER]
+            inside = bordered[:, BORDER:-BORDER, BORDER:-BORDER]
+            if at.first_row == 0:
+                bordered[:, :BORDER, BORDER:-BORDER] = inside[:, :BORDER].flip(1).roll(self.rows, -1)
+            if at.first_row + at.height == at.rows:
+                bordered[:, -BORDER:, BORDER:-BORDER] = inside[:, -BORDER:].flip(1).roll(self.rows, -1)
+            bordered[..., :BORDER] = bordered[..., -2 * BORDER : -BORDER]
+            bordered[..., -BORDER:] = bordered[..., BORDER : 2 * BORDER]
 
 
 class RigPyramid:
@@ -171,7 +171,7 @@ class RigPyramid:
         )
         # Sampled with numpy alone: threads that compute with torch get teams of threads of their own.
         sample = partial(photo_on_window, max_rows=max_rows, is_labels=labels is not None)
-        with ThreadPoolExecutor(min(len(rig.photos), torch.get_num_threads())) as threads:
+        with ThreadPoolExecutor(min(len(rig.photos), num_threads())) as threads:
             each_of = threads.map if len(rig.photos) > 1 else map  # memory of other threads comes slower
             sampled = list(each_of(sample, rig.photos))
         self._levels = [{each.window.rows: _window(each, labels, device)} for each in sampled]
@@ -196,7 +196,7 @@ class RigPyramid:
     def sees(self, directions: Tensor) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
         windows = self.windows(EXTENT_ROWS)
-        level = windows.level(windows.color, with_derivatives=False)
+        level = windows.level(windows.color)
         seen = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
         for number in range(len(self)):
             x, y, z = (directions @ self.rotations[number]).T

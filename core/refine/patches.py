@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -16,6 +17,11 @@ class PatchSums:
         assert bool((patches.diff() >= 0).all()), "points of one patch must follow each other"
         self.patches = patches
         self._sums_of = _by_walking(patches) if patches.device.type == "cpu" else _by_product(patches)
+
+    @cached_property
+    def starts(self) -> Tensor:
+        """Return the number (P + 1,) int64 of the first point of each patch, and N."""
+        return torch.searchsorted(self.patches, torch.arange(int(self.patches[-1]) + 2))
 
     def __call__(self, values: Tensor) -> Tensor:
         """Return the sums (..., P) of values (..., N)."""

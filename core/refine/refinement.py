@@ -8,7 +8,7 @@ Paper: §3.3 (refinement of the best candidates).
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -17,7 +17,7 @@ from panoloc.core.config import DISTANCES, StepConfig, StoppingRule
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.image.level import Level
 from panoloc.core.refine.patches import PatchSums
-from panoloc.core.refine.step import PointPlanes, pose_step
+from panoloc.core.refine.step import PointPlanes, pose_steps
 
 
 @dataclass(frozen=True)
@@ -175,9 +175,13 @@ def _stepped(
     poses = active.poses
     rotations, positions = poses.rotations, poses.positions
     log_focals = poses.log_focals if active.has_focals else None
-    for k in range(count):
-        rules = replace(config, lengthening=1.0) if is_last and k + 1 == count else config
-        step = pose_step(level, active.points, rotations, positions, log_focals, rules, focal_bounds)
+    # Limits are kept after every step.
+    at_once = count if within is None else 1
+    for k in range(count // at_once):
+        has_last = is_last and (k + 1) * at_once == count
+        step = pose_steps(
+            level, active.points, rotations, positions, log_focals, config, focal_bounds, at_once, has_last
+        )
         rotations, positions, log_focals = step.rotations, step.positions, step.log_focals
         if within is not None:
             rotations = within(rotations)

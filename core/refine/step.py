@@ -20,6 +20,7 @@ from torch import Tensor
 from panoloc.core.config import CONTRAST, StepConfig
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.image.level import Level
+from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.refine.patches import PatchSums
 
 _FEWEST_POINTS = 5.0  # of a patch that has a vote
@@ -64,7 +65,7 @@ class PoseStep:
     equations: "PatchEquations"
 
 
-def pose_step(
+def pose_steps(
     level: Level,
     points: PointPlanes,
     rotations: Tensor,
@@ -72,8 +73,33 @@ def pose_step(
     log_focals: Tensor | None,
     config: StepConfig,
     bounds: tuple[float, float] | None = None,
+    count: int = 1,
+    has_last: bool = False,
 ) -> PoseStep:
-    """Move K poses by one step. log_focals: (K,), as of `Level.sample_points`; unknown as well within `bounds`, known without."""
+    """Move K poses by `count` steps, and return what the last of them saw.
+
+    log_focals: (K,), as of `Level.sample_points`; unknown as well within `bounds`, known without. has_last: the last of these steps is the
+    very last of a refinement, which is not lengthened.
+    """
+    if has_kernels_for(rotations):
+        return _compiled_steps(level, points, rotations, positions, log_focals, config, bounds, count, has_last)
+    for k in range(count):
+        rules = replace(config, lengthening=1.0) if has_last and k + 1 == count else config
+        step = _pose_step(level, points, rotations, positions, log_focals, rules, bounds)
+        rotations, positions, log_focals = step.rotations, step.positions, step.log_focals
+    return step
+
+
+def _pose_step(
+    level: Level,
+    points: PointPlanes,
+    rotations: Tensor,
+    positions: Tensor,
+    log_focals: Tensor | None,
+    config: StepConfig,
+    bounds: tuple[float, float] | None,
+) -> PoseStep:
+    """Move K poses by one step."""
     found = patch_equations(level, points, rotations, positions, config, log_focals, with_focal=bounds is not None)
     free = found if log_focals is None or bounds is None else _held(found, log_focals, bounds)
     step = _solve(free, config)
@@ -87,6 +113,37 @@ def pose_step(
         step,
         found,
     )
+
+
+def _compiled_steps(
+    level: Level,
+    points: PointPlanes,
+    rotations: Tensor,
+    positions: Tensor,
+    log_focals: Tensor | None,
+    config: StepConfig,
+    bounds: tuple[float, float] | None,
+    count: int,
+    has_last: bool = False,
+) -> PoseStep:
+    """Return what `pose_steps` returns, by the kernel; of no step its equations."""
+    size, unknowns = len(rotations), 6 if bounds is None else 7
+    rotations, positions = rotations.clone(), positions.clone()
+    focals = None if log_focals is None else log_focals.clone()
+    hessian = rotations.new_empty((size, unknowns, unknowns))
+    gradient, step = rotations.new_empty((size, unknowns)), rotations.new_empty((size, unknowns))
+    mass, loss, scale = (rotations.new_empty(size) for _ in range(3))
+    image = level.pixels, level.pixels.shape[1], level.rows, level.places
+    cameras = level.rotations, level.centers, len(level.centers)
+    starts = points.sums.starts
+    aligned = points.positions, points.colors, points.weights, points.images, starts
+    poses = points.weights.shape[1], len(starts) - 1, size, rotations, positions, focals, unknowns
+    least, most = bounds or (0.0, 0.0)
+    rules = float(config.robust_scale or 0), CONTRAST.noise, config.damping, config.lengthening, config.max_step_m
+    steps = float(least), float(most), count, int(has_last)
+    found = hessian, gradient, mass, loss, scale, step
+    call("pose_steps", *image, *cameras, *aligned, *poses, *rules, *steps, *found)
+    return PoseStep(rotations, positions, focals, step, PatchEquations(hessian, gradient, mass, loss, scale))
 
 
 def _held(equations: "PatchEquations", log_focals: Tensor, bounds: tuple[float, float]) -> "PatchEquations":
@@ -140,6 +197,9 @@ def patch_equations(
     with_focal: bool = False,
 ) -> PatchEquations:
     """Return the equations of a step at K poses; log_focals: as of `Level.sample_points`. with_focal: whether these are unknown."""
+    if has_kernels_for(rotations):
+        bounds = (0.0, 0.0) if with_focal else None
+        return _compiled_steps(level, points, rotations, positions, log_focals, config, bounds, 0).equations
     seen, inside = level.sample_points(points.positions, points.images, rotations, positions, log_focals)
     by_patch = _Patches(points, points.weights * inside)
     shown, scanned = by_patch.centered(seen.color), by_patch.centered(points.colors)

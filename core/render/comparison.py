@@ -16,6 +16,7 @@ from panoloc.core.geometry.sphere_window import window_around
 from panoloc.core.image.level import VALID_SHARE, Level
 from panoloc.core.image.photo_window import EXTENT_ROWS
 from panoloc.core.image.rig_pyramid import RigPyramid
+from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts
 from panoloc.core.render.synthetic_view import SyntheticViews, render_views
 
@@ -63,7 +64,8 @@ class RigView:
             [[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0, 0, 1]]
         )
         self.rig_from_view = around.to(pyramid.rotations)
-        self._same: dict[int, _SameForAllPoses] = {}
+        self._levels: dict[int, Level] = {}
+        self._alone: dict[int, tuple[Tensor, Tensor]] = {}
 
     def compare(
         self,
@@ -94,26 +96,53 @@ class RigView:
 
     def _look_up(self, views: SyntheticViews, rows: int, log_focals: Tensor | None) -> tuple[Tensor, Tensor]:
         """Return the colours (K, S, 3) that images show at the rendered pixels, and the number of the image (K, S), −1 for none."""
-        same = self._same_for_all_poses(rows)
         valid, depth = views.valid.flatten(1), views.depth.flatten(1)
+        if len(self.pyramid) == 1 and log_focals is None:
+            # Without parallax every pixel shows the same of the image, whatever its depth.
+            if rows not in self._alone:
+                self._alone[rows] = self._at_depths(torch.ones_like(depth[:1]), torch.ones_like(valid[:1]), rows, None)
+            color, image = self._alone[rows]
+            return color * valid[..., None], torch.where(valid, image, -1)
+        return self._at_depths(depth, valid, rows, log_focals)
+
+    def _at_depths(self, depth: Tensor, valid: Tensor, rows: int, log_focals: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Return what `_look_up` returns, at depths (K, S), metres, of pixels that are valid (K, S)."""
         count, size = depth.shape
-        if same.alone is not None and log_focals is None:
-            color, shown = same.alone
-            shown = shown & valid
-            return color * shown[..., None], torch.where(shown, 0, -1)
+        level, directions = self._level(rows), self._directions(rows)
+        if has_kernels_for(depth):
+            found, image = depth.new_empty((count, size, 3)), torch.empty((count, size), dtype=torch.int64)
+            seen = level.pixels, level.pixels.shape[1], level.rows, level.places
+            cameras = level.rotations, level.centers, len(level.centers)
+            rendered = directions, size, depth, valid, count
+            call("look_up", *seen, *cameras, *rendered, self._half_angles.cos(), log_focals, found, image)
+            return found, image
         color = torch.zeros((3, count, size), device=depth.device)
         image = torch.full((count, size), -1, dtype=torch.int64, device=depth.device)
         central = torch.full((count, size), -2.0, device=depth.device)
-        depth = torch.where(valid, depth, 1.0)
-        for number, near in enumerate(same.near):
-            in_rig = same.directions.T[:, None, near] * depth[:, near]
-            sampled, ahead = self._sampled(same.level, in_rig, number, log_focals)
+        # Where holes were filled nothing is known of depth: an only image shows the same there whatever it is, several show nothing.
+        depth = torch.where(depth.isfinite(), depth, 1.0 if len(self.pyramid) == 1 else math.nan)
+        axes, cosines = self.pyramid.rotations[:, :, 0], self._half_angles.cos()
+        for number, (axis, cosine) in enumerate(zip(axes, cosines, strict=True)):
+            near = (directions @ axis >= cosine).nonzero()[:, 0]
+            in_rig = directions.T[:, None, near] * depth[:, near]
+            sampled, ahead = self._sampled(level, in_rig, number, log_focals)
             before = central[:, near]
             better = valid[:, near] & (sampled[3] > VALID_SHARE) & (ahead > before)
             central[:, near] = torch.where(better, ahead, before)
             image[:, near] = torch.where(better, number, image[:, near])
             color[:, :, near] = torch.where(better, sampled[:3], color[:, :, near])
         return color.permute(1, 2, 0).contiguous(), image
+
+    def _directions(self, rows: int) -> Tensor:
+        """Return the directions (S, 3) of the pixels of views in the axes of the rig."""
+        return self._window.at(rows).directions(self.rig_from_view.device) @ self.rig_from_view.T
+
+    def _level(self, rows: int) -> Level:
+        """Return what the images show, at one resolution."""
+        if rows not in self._levels:
+            windows = self.pyramid.windows(rows)
+            self._levels[rows] = windows.level(windows.color)
+        return self._levels[rows]
 
     def _sampled(
         self, level: Level, in_rig: Tensor, number: int, log_focals: Tensor | None = None
@@ -127,30 +156,3 @@ class RigView:
         flat = torch.hypot(x, y)
         sampled = level.sample(torch.atan2(y, x), torch.atan2(z, flat), number)
         return sampled.transpose(0, 1), x / torch.hypot(flat, z).clamp_min(1e-6)
-
-    def _same_for_all_poses(self, rows: int) -> "_SameForAllPoses":
-        """Return what is the same for all poses at one resolution."""
-        if rows not in self._same:
-            pyramid = self.pyramid
-            directions = self._window.at(rows).directions(pyramid.rotations.device) @ self.rig_from_view.T
-            windows = pyramid.windows(rows)
-            level = windows.level(windows.color, with_derivatives=False)
-            axes, cosines = pyramid.rotations[:, :, 0], self._half_angles.cos()
-            near = [(directions @ axis >= cosine).nonzero()[:, 0] for axis, cosine in zip(axes, cosines, strict=True)]
-            alone = None
-            if len(pyramid) == 1:  # without parallax every pixel shows the same of the image, whatever its depth
-                sampled, _ = self._sampled(level, directions.T[:, None], 0)
-                alone = sampled[:3, 0].T.contiguous(), sampled[3, 0] > VALID_SHARE
-            self._same[rows] = _SameForAllPoses(directions, near, level, alone)
-        return self._same[rows]
-
-
-@dataclass(frozen=True)
-class _SameForAllPoses:
-    """directions: (S, 3), of the window's pixels in the axes of the rig. near: of each image the numbers of the pixels that it might show.
-    level: what images show. alone: of an only image colours (S, 3) and validity (S,) of the pixels."""
-
-    directions: Tensor
-    near: list[Tensor]
-    level: Level
-    alone: tuple[Tensor, Tensor] | None

@@ -20,6 +20,7 @@ from torch import Tensor
 from panoloc.core.config import RENDERING
 from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts, drawn_points
 
 RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
@@ -71,6 +72,8 @@ def render_views(
         map_from_view = torch.eye(3, device=centers.device).expand(len(centers), 3, 3)
     else:
         window, parts, map_from_view = wanted.window, wanted, wanted.rotations
+    if has_kernels_for(centers):
+        return _compiled_views(cloud, centers, window, parts, map_from_view, with_points)
     shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels(window.rows))]
     offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()
     drawn = drawn_points(cloud, centers, window, parts)
@@ -95,6 +98,51 @@ def render_views(
     # What fills up the last run lies where its last point does.
     number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), depth.numel())
     return SyntheticViews(color, depth, valid, number.view(depth.shape), window, map_from_view)
+
+
+def depths_from(cloud: RenderCloud, centers: Tensor, rows: int) -> Tensor:
+    """Return the depths (B, rows, 2 rows), metres, alone of the views that `render_views` renders of the whole sphere."""
+    if not has_kernels_for(centers):
+        return render_views(cloud, centers, rows, with_points=False).depth
+    depth = centers.new_empty((len(centers), rows, 2 * rows))
+    axes = torch.eye(3).expand(len(centers), 3, 3)
+    _draw(cloud, centers, SphereWindow.of_sphere(rows), None, axes, (None, depth, None, None))
+    return depth
+
+
+def _compiled_views(
+    cloud: RenderCloud,
+    centers: Tensor,
+    window: SphereWindow,
+    parts: ViewParts | None,
+    map_from_view: Tensor,
+    with_points: bool,
+) -> SyntheticViews:
+    """Return what `render_views` returns, by the kernel."""
+    shape = len(centers), window.height, window.width
+    color, depth = centers.new_empty((*shape, 3)), centers.new_empty(shape)
+    valid, point = torch.empty(shape, dtype=torch.bool), torch.empty(shape if with_points else 0, dtype=torch.int64)
+    found = color, depth, valid, point if with_points else None
+    _draw(cloud, centers, window, parts, map_from_view, found)
+    return SyntheticViews(color, depth, valid, point, window, map_from_view)
+
+
+def _draw(
+    cloud: RenderCloud,
+    centers: Tensor,
+    window: SphereWindow,
+    parts: ViewParts | None,
+    map_from_view: Tensor,
+    found: tuple[Tensor | None, Tensor, Tensor | None, Tensor | None],
+) -> None:
+    """Draw views by the kernel. found: color, depth, valid and point, as of `SyntheticViews`; None for what is not wanted."""
+    scan = cloud.colors, cloud.block_centers, cloud.block_radii
+    size = len(cloud.block_centers), len(cloud.positions), cloud.spacing
+    pixels = window.rows, window.first_row, window.first_column, window.height, window.width
+    rules = RENDERING.footprint, RENDERING.slack_spacings, RENDERING.slack_share, RENDERING.fill_levels
+    views = len(centers), centers, map_from_view
+    cones = (parts.axes, parts.half_angles, parts.axes.shape[1]) if parts else (centers, centers, 0)
+    call("render_views", *scan, *cloud.block_points, *size, *pixels, *rules, *views, *cones, *found)
 
 
 def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixels: int) -> Tensor:

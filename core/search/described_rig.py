@@ -19,10 +19,10 @@ _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show les
 
 @dataclass(frozen=True)
 class RigPixels:
-    """The pixels of images at one resolution, in the axes of the rig.
+    """The pixels of images at one resolution, in the axes of the rig, square by square.
 
     directions: (S, 3), unit vectors. centers: (S, 3) metres, of the camera that each is of. colors: (S, 3) in 0..1. solid: (S,) solid
-    angles. squares: (S,) int64, the square of pixels that each is in. rows: of a sphere at that resolution.
+    angles. squares: (S,) int64, ascending, the square of pixels that each is in. rows: of a sphere at that resolution.
     """
 
     directions: Tensor
@@ -92,6 +92,7 @@ def rig_pixels(pyramid: RigPyramid, rows: int, square_deg: float) -> RigPixels:
     row, column = valid.nonzero(as_tuple=True)
     image = windows.image[valid]
     square = (image * windows.shape[0] + row // side) * windows.shape[1]
-    _, squares = torch.unique(square + column // side, return_inverse=True)
-    directions, colors = windows.rig_directions[valid], windows.color[:, valid].T.contiguous()
-    return RigPixels(directions, pyramid.centers[image], colors, windows.weights[valid], squares, rows)
+    squares, order = torch.unique(square + column // side, return_inverse=True)[1].sort(stable=True)
+    row, column, image = row[order], column[order], image[order]
+    directions, colors = windows.rig_directions[row, column], windows.color[:, row, column].T.contiguous()
+    return RigPixels(directions, pyramid.centers[image], colors, windows.weights[row, column], squares, rows)

@@ -11,8 +11,9 @@ from torch import Tensor
 
 from panoloc.core.config import CONTRAST
 from panoloc.core.features.described_views import DescribedViews
-from panoloc.core.features.equalization import equalization_tables, equalize
+from panoloc.core.features.equalization import equalize
 from panoloc.core.geometry.projection import pixels_towards
+from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.search.described_rig import RigPixels
 
 _STARTS_AT_ONCE = 512
@@ -21,8 +22,10 @@ _STARTS_AT_ONCE = 512
 def scores_of_every_pose(photos: RigPixels, views: DescribedViews, rotations: Tensor, is_labels: bool) -> Tensor:
     """Return the scores (T, R) of all T views with rotations (R, 3, 3): mean contrast explained inside squares of pixels, and less
     where the scan shows less."""
+    if has_kernels_for(rotations):
+        return _compiled_scores(photos, views, rotations, is_labels)
     squares = _Squares(photos, is_labels)
-    tables = None if is_labels else _tables_of(views)
+    tables = None if is_labels else views.tables
     pixels = [pixels_towards(squares.directions @ rotation.T, photos.rows) for rotation in rotations]
     scores = []
     for pictures, seen in zip(
@@ -33,10 +36,17 @@ def scores_of_every_pose(photos: RigPixels, views: DescribedViews, rotations: Te
     return torch.cat(scores)
 
 
-def _tables_of(views: DescribedViews) -> Tensor:
-    """Return the tables (3, 256) that equalize the colours of a map."""
-    colors, seen = views.pictures.flatten(0, 2), views.seen.flatten()
-    return equalization_tables(colors[None].float() / 255, seen[None].float())[0]
+def _compiled_scores(photos: RigPixels, views: DescribedViews, rotations: Tensor, is_labels: bool) -> Tensor:
+    """Return what `scores_of_every_pose` returns, by the kernel."""
+    tables = (torch.arange(256) / 255).expand(3, -1) if is_labels else views.tables
+    own = photos.colors if is_labels else equalize(photos.colors[None], photos.solid[None])[0]
+    count, rows = views.pictures.shape[:2]
+    scores = rotations.new_empty((count, len(rotations)))
+    shown = views.pictures, views.seen, tables, rows, count
+    total = float(photos.solid.sum())
+    sides = photos.directions, own, photos.solid, photos.squares, len(photos), total, CONTRAST.noise
+    call("scores_of_every_pose", *shown, *sides, rotations, len(rotations), scores)
+    return scores
 
 
 class _Planes:
@@ -63,14 +73,14 @@ class _Squares:
     """
 
     def __init__(self, photos: RigPixels, is_labels: bool) -> None:
-        order = photos.squares.argsort(stable=True)
-        square, counts = photos.squares[order], torch.bincount(photos.squares)
-        place = torch.arange(len(order), device=order.device) - (counts.cumsum(0) - counts)[square]
+        square, counts = photos.squares, torch.bincount(photos.squares)
+        number = torch.arange(len(square), device=square.device)
+        place = number - (counts.cumsum(0) - counts)[square]
         self._shape = (len(counts), int(counts.max()))
-        pixels = order.new_zeros(self._shape)
-        pixels[square, place] = order
+        pixels = square.new_zeros(self._shape)
+        pixels[square, place] = number
         solid = photos.solid.new_zeros(self._shape)
-        solid[square, place] = photos.solid[order]
+        solid[square, place] = photos.solid
         own = photos.colors if is_labels else equalize(photos.colors[None], photos.solid[None])[0]
         own = own[pixels]
         self.directions = photos.directions[pixels.flatten()]

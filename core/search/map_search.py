@@ -17,6 +17,7 @@ from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
+from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.candidates import Candidates, MapCandidates
 from panoloc.core.search.described_rig import DescribedRig
@@ -174,6 +175,11 @@ def patch_scores_of(
     weighted = own * patches.weights[:, None]
     # Σ w (q · v)² over patches of the images and of the view.
     variance = (views.spreads * (own.T @ weighted)).sum((1, 2))
+    if has_kernels_for(weighted):
+        sums, towards = own.new_empty(len(start)), patches.towards(rotations)
+        shown = views.steps, len(patches.grid), towards
+        call("products_of_patches", weighted, *weighted.shape, *shown, len(start), start, rotation, sums)
+        return sums * views.scale[start] / variance[start].clamp_min(1e-18).sqrt()
     towards = patches.towards(rotations)[rotation]  # (K, Q)
     met = views.steps.flatten(0, 1).index_select(0, (start[:, None] * len(patches.grid) + towards).flatten())
     met = met.view(len(start), -1).float()

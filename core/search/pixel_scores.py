@@ -7,6 +7,7 @@ from panoloc.core.config import CONTRAST
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.equalization import equalize
 from panoloc.core.geometry.projection import pixels_towards
+from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.search.described_rig import RigPixels
 
 _RESCORED_AT_ONCE = 2_000_000  # pixels
@@ -16,7 +17,7 @@ class ComparedColors:
     """The colours of photos, ready to be compared with what scans show in the same directions."""
 
     def __init__(self, photos: RigPixels, is_labels: bool) -> None:
-        self._solid, self._is_labels = photos.solid, is_labels
+        self.photos, self._solid, self._is_labels = photos, photos.solid, is_labels
         self._member = torch.nn.functional.one_hot(photos.squares).float()  # (S, G)
         # Once for all poses: that some see less of the scan where a photo looks hardly moves its colours.
         self._own = photos.colors if is_labels else equalize(photos.colors[None], photos.solid[None])[0]
@@ -37,6 +38,29 @@ class ComparedColors:
         inside = 1 - (1 - inside.clamp(0, 1).square()).sqrt()
         return (inside * mass).sum(1) / mass.sum(1).clamp_min(1e-9) * share.sqrt()
 
+    def compiled_scores(
+        self,
+        pictures: Tensor,
+        seen: Tensor,
+        poses: tuple[Tensor, Tensor],
+        moved: tuple[Tensor, Tensor] | None = None,
+    ) -> Tensor:
+        """Return the scores (K,) of poses, starts (K,) and rotations (K, 3, 3), by the kernel.
+
+        pictures: (T, P, 3), and seen: (T, P), of all starts. moved: depths (T, P) of the pictures,
+        metres, and how far (K, 3) from the starts the poses are.
+        """
+        photos, (starts, rotations) = self.photos, poses
+        depth, offsets = moved or (None, None)
+        scores = rotations.new_empty(len(starts))
+        total = float(self._solid.sum())
+        sides = photos.directions, photos.centers, self._own, self._solid, photos.squares, len(photos), total
+        given = pictures, seen, depth, photos.rows
+        rules = CONTRAST.noise, int(self._is_labels)
+        moves = len(starts), starts, rotations, offsets
+        call("pixel_scores", *given, *sides, *rules, *moves, scores)
+        return scores
+
 
 def pixel_scores(
     photos: RigPixels,
@@ -50,6 +74,8 @@ def pixel_scores(
     pictures, seen = views.pictures.flatten(0, 2), views.seen.flatten()
     height, size = views.pictures.shape[1], views.pictures.shape[1] * views.pictures.shape[2]
     compared, scores = ComparedColors(photos, is_labels), []
+    if has_kernels_for(rotations):
+        return compared.compiled_scores(views.pictures, views.seen, (start, rotations[rotation]))
     step = max(1, _RESCORED_AT_ONCE // len(photos))
     for s, r in zip(torch.split(start, step), torch.split(rotation, step), strict=True):
         towards = torch.einsum("kab,sb->ksa", rotations[r], photos.directions)

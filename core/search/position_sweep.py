@@ -12,8 +12,9 @@ from torch import Tensor
 
 from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.geometry.projection import pixels_towards
+from panoloc.core.kernels.library import has_kernels_for
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.render.synthetic_view import RENDER_BATCH, render_views
+from panoloc.core.render.synthetic_view import RENDER_BATCH, depths_from, render_views
 from panoloc.core.search.candidates import Candidates
 from panoloc.core.search.described_rig import DescribedRig, RigPixels
 from panoloc.core.search.pixel_scores import ComparedColors
@@ -64,6 +65,10 @@ def _scores_around(pixels: RigPixels, index: MapIndex, starts: Tensor, turns: Te
     numbers, row = torch.unique(starts, return_inverse=True)
     depth, pictures, seen = _views(index, numbers, pixels.rows)
     compared, scores = ComparedColors(pixels, index.labels is not None), []
+    if has_kernels_for(turns):
+        count = offsets.shape[1]
+        poses = row.repeat_interleave(count), turns.repeat_interleave(count, 0)
+        return compared.compiled_scores(pictures, seen, poses, (depth, offsets)).view(-1, count)
     step = max(1, _PIXELS_AT_ONCE // (offsets.shape[1] * len(pixels)))
     for view, turn, moved in zip(*(torch.split(x, step) for x in (row, turns, offsets)), strict=True):
         towards = torch.einsum("kab,sb->ksa", turn, pixels.directions)[:, None]
@@ -78,11 +83,13 @@ def _views(index: MapIndex, starts: Tensor, height: int) -> tuple[Tensor, Tensor
     stored = index.views.pictures.shape[1] == height
     depths, colors, valid = [], [], []
     for part in torch.split(starts, RENDER_BATCH):
+        if stored:
+            depths.append(depths_from(index.render_cloud, index.starts[part], height).flatten(1))
+            continue
         views = render_views(index.render_cloud, index.starts[part], height, with_points=False)
         depths.append(views.depth.flatten(1))
-        if not stored:
-            colors.append((views.color * 255).round().byte().flatten(0, 2))
-            valid.append(views.valid.flatten())
+        colors.append((views.color * 255).round().byte().flatten(0, 2))
+        valid.append(views.valid.flatten())
     depth = torch.cat(depths).clamp(max=_FAR_M)
     if stored:
         return depth, index.views.pictures[starts].flatten(0, 2), index.views.seen[starts].flatten()

@@ -14,6 +14,7 @@ from typing import Any
 import torch
 
 from panoloc.core.errors import CoreError
+from panoloc.core.kernels.library import num_threads, use_threads
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_codec import encode_map_index
 from panoloc.core.options import IndexOptions
@@ -57,7 +58,7 @@ def time_registration(points: int, starts: int, repeats: int, scan_format: str, 
         found = []
         for number in range(repeats):
             say(f"registering {points:,} points ({scan_format}), {number + 1} of {repeats}")
-            found.append(register_in_new_process(scan, spacing_m, torch.get_num_threads()))
+            found.append(register_in_new_process(scan, spacing_m, num_threads()))
     totals = [each.seconds["total"] * 1000 for each in found]
     median = found[totals.index(statistics.median_low(totals))]
     return {
@@ -84,6 +85,7 @@ def register_in_new_process(scan: Path, spacing_m: float, threads: int) -> Regis
 
 def register(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:
     """Read, index and encode `scan` in this process. Raises a ScanError for a file that cannot be read."""
+    use_threads(threads)
     torch.set_num_threads(threads)
     base, began = memory_bytes()["RSS"], time.perf_counter()
     cloud = read_scan(scan)

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from panoloc.core.errors import OptionsError
+from panoloc.core.kernels.library import use_threads
 from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
 from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark, service_benchmark
@@ -56,7 +57,7 @@ def run_bench(request: BenchRequest, session: Session) -> None:
     device = chosen_device(request.device)
     names = _chosen_parts(request, session)
     if request.threads is not None:
-        torch.set_num_threads(request.threads)
+        use_threads(request.threads)
     document = _description(request, device)
     _warn_when_busy(document["machine"], session)
     request.out.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,7 @@ def _machine_line(document: Figures) -> str:
     device = machine["cuda_device"] if machine["device"] == "cuda" else machine["processor"]
     size = ", quick sizes: these figures say only that everything runs" if document["quick"] else ""
     return escape(
-        f"{device}, {machine['cpu_count']} processors, {machine['torch_threads']} threads; "
+        f"{device}, {machine['cpu_count']} processors, {machine['threads']} threads; "
         f"panoloc {versions['panoloc']}, Python {versions['python']}, torch {versions['torch']}, numpy {versions['numpy']}"
         f"{size}. Milliseconds are medians (quartiles)."
     )

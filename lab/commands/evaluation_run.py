@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from json import dumps
 from pathlib import Path
 
-import torch
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from panoloc.core.errors import OptionsError
+from panoloc.core.kernels.library import use_threads
 from panoloc.lab.display import print_tables, progress, table
 from panoloc.lab.evaluation.fit_confidence import HeldOut
 from panoloc.lab.evaluation.known_cases import ScanCases
@@ -57,7 +57,7 @@ def run_evaluation(
 
 def set_threads() -> None:
     """Compute with as many threads as the environment says, all processors otherwise. Raises OptionsError for anything but a number."""
-    torch.set_num_threads(_num_threads(os.environ.get(THREADS_VARIABLE)))
+    use_threads(_num_threads(os.environ.get(THREADS_VARIABLE)))
 
 
 def _num_threads(text: str | None) -> int:

@@ -1,6 +1,7 @@
 """The worker that answers queries: loads the map's index, decodes the images, localizes them, draws the pictures."""
 
 import contextlib
+import gc
 import logging
 import os
 import socket
@@ -9,11 +10,10 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-import torch
-
 from panoloc.core.camera.rig import Rig
 from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from panoloc.core.errors import DeadlineExceededError, IndexFormatError
+from panoloc.core.kernels.library import use_threads
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import index_config_digest
 from panoloc.core.map.map_codec import decode_map_index
@@ -207,6 +207,9 @@ def _pictures(
 def build_worker(settings: WorkerSettings) -> LocalizationWorker:
     """Build a worker in the process that will run it."""
     keep_freed_memory()
-    torch.set_num_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
+    use_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return LocalizationWorker(settings, Localizer(), settings.open_storage(), cache)
+    worker = LocalizationWorker(settings, Localizer(), settings.open_storage(), cache)
+    gc.collect()
+    gc.freeze()  # what stays for good need not be looked through with the garbage of each query
+    return worker

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import torch
-
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.errors import OptionsError, PanoramaTooLargeError
@@ -13,6 +11,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.image_header import numbered
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.image.reader import read_image
+from panoloc.core.kernels.library import num_threads
 from panoloc.core.options import Frame, SessionOptions, TrackedPose
 from panoloc.core.results import Localization
 from panoloc.service.jobs import QueryImage
@@ -55,7 +54,7 @@ def shown_on_sphere(rig: Rig, found: Localization) -> tuple[Panorama, Localizati
 def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Photo]:
     """Decode in as many threads as compute: decoding releases the GIL. The first error cancels those that wait."""
     found: list[Photo] = []
-    threads = ThreadPoolExecutor(min(len(images), torch.get_num_threads()))
+    threads = ThreadPoolExecutor(min(len(images), num_threads()))
     try:
         tasks = [
             threads.submit(read_image, each.data, each.mask, camera=each.camera, max_pixels=max_pixels)

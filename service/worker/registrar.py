@@ -12,6 +12,7 @@ import torch
 
 from panoloc.core.decide.pictures import draw_map_preview, encode_png
 from panoloc.core.errors import ScanContentError
+from panoloc.core.kernels.library import use_threads
 from panoloc.core.map.map_builder import build_map_index, index_config_digest
 from panoloc.core.map.map_codec import encode_map_index
 from panoloc.core.map.map_diagnostics import map_diagnostics
@@ -229,6 +230,7 @@ def _within_memory(work: Callable[[], Result]) -> Result:
 
 def build_registrar(settings: WorkerSettings) -> Registrar:
     """Build a registrar in the process that will run it."""
-    torch.set_num_threads(num_usable_cpus())
+    use_threads(num_usable_cpus())
+    torch.set_num_threads(num_usable_cpus())  # operations of a registration are large enough for several
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
     return Registrar(settings, settings.open_storage(), cache, limit_process)

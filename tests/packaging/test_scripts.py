@@ -37,7 +37,9 @@ def installer(tmp_path: Path) -> Path:
     """Return a copy of the project's installer on a machine with few commands, whose pip is the one above."""
     for name in ("scripts", "requirements"):
         shutil.copytree(ROOT / name, tmp_path / name)
-    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    for name in ("pyproject.toml", "setup.py"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "core" / "kernels", tmp_path / "core" / "kernels")
     commands = tmp_path / "bin"
     commands.mkdir()
     for name in ("bash", "dirname", "uname", "env", "cat", "cut", "sha256sum", "sed", "grep", "tr"):
@@ -46,7 +48,8 @@ def installer(tmp_path: Path) -> Path:
     python.parent.mkdir(parents=True)
     (commands / "python3.11").symlink_to(python)
     libraries = "#!/bin/sh\necho libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libgomp.so.1\n"
-    made = {python: PIP, commands / "ldconfig": libraries, tmp_path / "scripts" / "build-console": "#!/bin/sh\n"}
+    made = {python: PIP, commands / "ldconfig": libraries}
+    made |= dict.fromkeys((commands / "g++", tmp_path / "scripts" / "build-console"), "#!/bin/sh\n")
     for path, text in made.items():
         path.write_text(text, encoding="utf-8")
         path.chmod(0o755)

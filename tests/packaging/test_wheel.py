@@ -28,7 +28,7 @@ def build(source: Path, target: Path) -> subprocess.CompletedProcess[str]:
 def source(tmp_path: Path) -> Path:
     """Return a copy of what a wheel is made of, as a clone has it: without the built console."""
     copy = tmp_path / "source"
-    skip = shutil.ignore_patterns("__pycache__", "*.egg-info", "node_modules", "built")
+    skip = shutil.ignore_patterns("__pycache__", "*.egg-info", "node_modules", "built", "*.so")
     for name in ("core", "lab", "panoloc", "service"):
         shutil.copytree(ROOT / name, copy / name, symlinks=True, ignore=skip)
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
@@ -53,6 +53,9 @@ def test_wheel_and_sdist_hold_every_module_and_data_file(source: Path, tmp_path:
     for held in (in_wheel, in_sdist):
         assert {name for name in wanted if not {name, f"panoloc/{name}"} & held} == set()
         assert not any("console/src/" in name or name.startswith(("tests/", "build/")) for name in held)
+
+    kernels = {name.split(".")[0] for name in in_wheel if name.endswith(".so")}
+    assert kernels == {f"panoloc/core/kernels/_{build}" for build in ("baseline", "x86_64_v3", "x86_64_v4")}
 
 
 @pytest.mark.slow

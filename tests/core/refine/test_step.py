@@ -16,7 +16,7 @@ from panoloc.core.image.level import Level
 from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.patches import PatchSums
 from panoloc.core.refine.refinement import CandidatePoints, Refined, refine
-from panoloc.core.refine.step import PoseStep, patch_equations, pose_step
+from panoloc.core.refine.step import PoseStep, patch_equations, pose_steps
 from tests.core.other_device import DEVICE, OtherDevice
 from tests.core.painted_box import PaintedBox
 from tests.core.refine.painted_scene import CAMERA, POSITION, ROTATION, level_of, scene
@@ -39,7 +39,7 @@ def step_at(
     points: CandidatePoints = POINTS,
     rules: StepConfig = PLAIN,
 ) -> PoseStep:
-    return pose_step(LEVEL, points.planes(), *pose, None, rules)
+    return pose_steps(LEVEL, points.planes(), *pose, None, rules)
 
 
 def level_as(factor: float) -> Level:
@@ -111,7 +111,7 @@ def test_points_that_fit_less_lose_their_vote_by_the_square_of_how_much() -> Non
     rng = torch.Generator().manual_seed(2)
     residual = 0.2 * torch.rand(POINTS.weights.shape, generator=rng)
     # Before a wall of one colour nothing of what was scanned is explained.
-    plain = replace(LEVEL, planes=torch.cat((torch.full_like(LEVEL.planes[:3], 0.5), LEVEL.planes[3:])))
+    plain = replace(LEVEL, colors=torch.cat((torch.full_like(LEVEL.colors[:3], 0.5), LEVEL.colors[3:])))
     one = replace(POINTS, colors=residual[..., None].expand(-1, -1, 3), patches=torch.zeros_like(PATCHES))
     found = patch_equations(plain, one.planes(), ROTATION, POSITION, RULES)
     inside = POINTS.weights[0].numpy() > 0
@@ -147,7 +147,7 @@ def test_a_step_that_goes_too_far_is_shortened_as_a_whole(
 
     def bounded(most_m: float) -> Tensor:
         rules = replace(PLAIN, max_step_m=most_m)
-        return pose_step(level, POINTS.planes(), *pose, torch.zeros(1), rules, bounds).step[0]
+        return pose_steps(level, POINTS.planes(), *pose, torch.zeros(1), rules, bounds).step[0]
 
     free = bounded(99.0)
     # In metres: a turn moves what is seen as far as one and a half times a move, a focal length as far as two.

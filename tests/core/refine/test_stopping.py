@@ -10,7 +10,7 @@ from panoloc.core.config import DISTANCES, RefinementConfig, StoppingRule
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
 from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
-from panoloc.core.refine.step import PoseStep, pose_step
+from panoloc.core.refine.step import PoseStep, pose_steps
 from tests.core.found_pose import known
 from tests.core.refine.painted_scene import level_of_sphere, painted, painted_sphere
 
@@ -53,7 +53,7 @@ class Alone:
     def step(self, is_last: bool) -> None:
         pose = self.rotation, self.position, self.focal
         rules = replace(CONFIG, lengthening=1.0) if is_last else CONFIG
-        self.last = pose_step(LEVEL, self.points, *pose, rules, self.bounds)
+        self.last = pose_steps(LEVEL, self.points, *pose, rules, self.bounds)
         self.rotation, self.position, self.focal = self.last.rotations, self.last.positions, self.last.log_focals
         self.num_steps += 1
 

@@ -8,6 +8,7 @@ import httpx
 import pytest
 import torch
 
+from panoloc.core.kernels.library import num_threads, use_threads
 from panoloc.lab.benchmark.core_parts import CORE_PARTS
 from panoloc.lab.benchmark.service_parts import SERVICE_PARTS
 from panoloc.lab.commands.bench import Part
@@ -20,9 +21,9 @@ URL = "http://127.0.0.1:8000"
 
 @pytest.fixture(autouse=True)
 def same_threads() -> Iterator[None]:
-    before = torch.get_num_threads()
+    before = num_threads()
     yield
-    torch.set_num_threads(before)
+    use_threads(before)
 
 
 @pytest.mark.slow
@@ -34,7 +35,7 @@ def test_figures_and_tables_of_chosen_parts_are_printed_and_written(panoloc: Pan
     assert list(written["parts"]) == ["stages", "index"]
     index = written["parts"]["index"]
     assert (index["points"], index["encode"]["num"]) == (3_000, 3)
-    assert (written["quick"], written["machine"]["torch_threads"]) == (True, 1)
+    assert (written["quick"], written["machine"]["threads"]) == (True, 1)
     for text in (done.out, (tmp_path / "bench.txt").read_text()):
         assert "Stages of a query" in text
         assert "Map index" in text

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from panoloc.core.decide.confidence import FEATURES
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.kernels.library import num_threads, use_threads
 from panoloc.lab.commands import evaluation_run
 from panoloc.lab.evaluation.known_cases import ScanCases
 from panoloc.lab.evaluation.runner import RunOptions
@@ -26,9 +26,9 @@ METHOD = "quick=fast:search.rotations=2304,search.num_candidates=8,refinement.fi
 @pytest.fixture(autouse=True)
 def one_thread(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("PANOLOC_EVAL_THREADS", "1")
-    before = torch.get_num_threads()
+    before = num_threads()
     yield
-    torch.set_num_threads(before)
+    use_threads(before)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_tables_json_and_rows_are_written_and_a_second_run_reuses_the_rows(
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     (summary,) = report["summaries"]
     assert (summary["group"], summary["num_queries"], summary["accuracies"]) == ("box", 1, [1.0])
-    assert report["machine"]["torch_threads"] == 1
+    assert report["machine"]["threads"] == 1
     assert report["methods"]["quick"]["digest"]
     assert "quick" in (tmp_path / "out" / "report.txt").read_text()
     assert len((tmp_path / "out" / "rows.jsonl").read_text().splitlines()) == 1

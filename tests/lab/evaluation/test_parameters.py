@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.kernels.library import num_threads, use_threads
 from panoloc.core.options import IndexOptions
 from panoloc.core.results import Candidate, Localization, SearchSummary
 from panoloc.core.scan.point_cloud import PointCloud
@@ -61,9 +61,9 @@ def empty_room(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     built = SimpleNamespace(spacing=0.5, num_points=1, num_starts=1)
     monkeypatch.setattr(runner, "build_map_index", lambda *_, **__: built)
     monkeypatch.setenv("PANOLOC_EVAL_THREADS", "1")
-    before = torch.get_num_threads()
+    before = num_threads()
     yield
-    torch.set_num_threads(before)
+    use_threads(before)
 
 
 def test_numbers_are_halved_and_doubled_wherever_they_stand() -> None:
