@@ -68,7 +68,9 @@ class CanonicalColors:
 
     def _mixed(self, windows: Windows, tables: Tensor, contrast_share: float) -> Tensor:
         """Return colours and validity (4, H, W) of a level by the kernel; in memory a pixel's numbers follow each other."""
-        pixels = windows.color.new_zeros((*windows.shape, 4))
+        # What lies between windows is zero; around a whole sphere nothing is left.
+        is_whole = len(windows.each) == 1 and windows.places[0].is_whole
+        pixels = (torch.empty if is_whole else torch.zeros)((*windows.shape, 4))
         planes = windows.color, windows.valid, *windows.shape
         rules = tables, CONTRAST.darkest, CONTRAST.scale, contrast_share
         for mean, place, first in zip(self._surroundings(), windows.places, windows.firsts, strict=True):

@@ -19,6 +19,7 @@ from panoloc.core.features.patch_descriptors import (
     described,
     pooled,
     principal_basis,
+    spreads_of,
 )
 from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.features.patch_histograms import described_histograms
@@ -50,22 +51,23 @@ class DescribedViews:
         if halvings:
             return self._pooled[halvings - 1]
         values = self.steps.float() * self.scale[:, None, None]
-        return ViewDescriptors(values, self.basis, self.weights.float())
+        return ViewDescriptors(values, self.basis, self.weights.float(), self.spreads)
 
     @cached_property
     def _pooled(self) -> tuple[ViewDescriptors, ViewDescriptors]:
         with torch.inference_mode(False):  # they outlive the query that asked for them first
             fine = self.descriptors()
             halved = pooled(fine.values, fine.weights)
-            values, weights = pooled(*halved)
-            return ViewDescriptors(halved[0], self.basis, halved[1]), ViewDescriptors(values, self.basis, weights)
+            return self._with_spreads(*halved), self._with_spreads(*pooled(*halved))
+
+    def _with_spreads(self, values: Tensor, weights: Tensor) -> ViewDescriptors:
+        return ViewDescriptors(values, self.basis, weights, spreads_of(values, weights))
 
     @cached_property
     def spreads(self) -> Tensor:
-        """Return how the descriptors of each view spread, (T, D, D): Σ w v vᵀ over its patches."""
+        """Return how the descriptors of each view spread, (T, D, D); see `spreads_of`."""
         with torch.inference_mode(False):  # they outlive the query that asked for them first
-            fine = self.descriptors()
-            return (fine.values * fine.weights[..., None]).mT @ fine.values
+            return spreads_of(self.steps.float() * self.scale[:, None, None], self.weights.float())
 
     @cached_property
     def tables(self) -> Tensor:

@@ -29,18 +29,24 @@ class ViewDescriptors:
     """Descriptors of all views of a map.
 
     values: (T, P, D) float32, centred per view, zero for patches without a pixel. basis: (bins³, D) float32.
-    weights: (T, P) float32, solid-angle share of each valid patch, summing to one per view.
+    weights: (T, P) float32, solid-angle share of each valid patch, summing to one per view. spreads: (T, D, D), as of `spreads_of`.
     """
 
     values: Tensor
     basis: Tensor
     weights: Tensor
+    spreads: Tensor
 
     def take(self, keep: Tensor) -> "ViewDescriptors":
         """Return the descriptors of the views numbered `keep`."""
         if len(keep) == len(self.values):
             return self
-        return ViewDescriptors(self.values[keep], self.basis, self.weights[keep])
+        return ViewDescriptors(self.values[keep], self.basis, self.weights[keep], self.spreads[keep])
+
+
+def spreads_of(values: Tensor, weights: Tensor) -> Tensor:
+    """Return how the descriptors (T, P, D) of each view spread, (T, D, D): Σ w v vᵀ over its patches, of weights (T, P)."""
+    return (values * weights[..., None]).mT @ values
 
 
 def centered_roots(histograms: Tensor, solid_angles: Tensor) -> tuple[Tensor, Tensor]:
@@ -127,8 +133,9 @@ def patch_scores(patches: DescribedPatches, views: ViewDescriptors, rotations: T
     # In memory the start comes last, so that the gather reads whole rows and nothing has to be copied.
     tensor = patches.values @ views.values.transpose(0, 1).reshape(-1, size).T
     tensor = tensor.view(len(patches.values), num_patches, num_views)
-    spread = (patches.weights @ tensor.square().flatten(1)).view(num_patches, num_views)
-    deviation = (spread * views.weights.T).sum(0).sqrt().clamp_min(1e-9)
+    # Σ w (q · v)² over patches of the images and of the view.
+    own = patches.values.T @ (patches.values * patches.weights[:, None])
+    deviation = (views.spreads * own).sum((1, 2)).clamp_min(0).sqrt().clamp_min(1e-9)
     rows = tensor.div_(deviation).view(-1, num_views)
     first = torch.arange(len(patches.values), device=rotations.device) * num_patches
     weights = patches.weights.expand(len(rotations), -1).contiguous()
