@@ -140,7 +140,9 @@ def refine(
             converged, active = _without_duplicates(converged, active, groups)
             turn, move = active.step[:, :3].norm(dim=-1), active.step[:, 3:].norm(dim=-1)
             still = torch.maximum(turn, move) < stop.pixels * math.pi / level.rows
-            converged, active = [*converged, active.poses.take(still)], active.take(~still)
+            if bool(still.any()):
+                converged = [*converged, active.poses.take(still.nonzero()[:, 0])]
+                active = active.take((~still).nonzero()[:, 0])
     return Refined.joined([*converged, active.poses])
 
 
@@ -212,6 +214,8 @@ def _without_duplicates(
     rotations, positions = together.rotations[order], together.positions[order]
     of = None if groups is None else groups[together.numbers[order]]
     kept = first_distinct(rotations, positions, DISTANCES.same, of)
+    if len(kept) == len(order):
+        return converged, active
     numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
-    converged = [part.take(torch.isin(part.numbers, numbers)) for part in converged]
-    return converged, active.take(torch.isin(active.poses.numbers, numbers))
+    converged = [part.take(torch.isin(part.numbers, numbers).nonzero()[:, 0]) for part in converged]
+    return converged, active.take(torch.isin(active.poses.numbers, numbers).nonzero()[:, 0])
