@@ -205,6 +205,14 @@ def test_views(both: Views, part: str, with_points: bool) -> None:
         assert float((compiled.point != tensors.point).float().mean()) < 2e-3
 
 
+def test_views_of_more_channels_are_drawn_by_tensors(both: Views) -> None:
+    places, colors = torch.rand((500, 3)), torch.rand((500, 4))
+    cloud = make_render_cloud(places, colors, 0.05)
+    compiled, tensors = both(lambda: render_views(cloud, torch.tensor([[0.5, 0.5, 0.5]]), 32))
+    assert compiled.color.shape[-1] == 4
+    assert torch.equal(compiled.color, tensors.color)
+
+
 @pytest.mark.parametrize("name", list(RIGS))
 @pytest.mark.parametrize("log_focal", [None, 0.1])
 def test_what_images_show_at_rendered_pixels(both: Comparisons, name: str, log_focal: float | None) -> None:
