@@ -70,7 +70,7 @@ def check_share(photo: Photo) -> None:
             "belong to this image"
         )
     u, v, shown = project_to_image(camera, _directions())
-    at = (np.clip(each.astype(np.int64), 0, side - 1) for each, side in zip((v, u), sides, strict=True))
+    at = (np.clip(each, 0, side - 1).astype(np.int64) for each, side in zip((v, u), sides, strict=True))
     share = share_of_sphere(shown & photo.valid[tuple(at)])
     if share < _MIN_SHARE:
         raise PanoramaUnusableError(

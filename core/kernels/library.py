@@ -25,7 +25,11 @@ def kernels() -> ctypes.CDLL | None:
     checksum = zlib.crc32(b"".join(path.read_bytes() for path in sorted((*folder.glob("*.cpp"), *folder.glob("*.h")))))
     for build in BUILDS.get(torch.backends.cpu.get_cpu_capability(), ("baseline",)):
         for path in sorted(folder.glob(f"_{build}.*so")):
-            library = loaded(path)
+            try:
+                library = loaded(path)
+            except (OSError, AttributeError) as error:  # damaged, or built for another system
+                found = f"unusable ({error})"
+                continue
             if library.sources() == checksum:
                 return library
             found = "older than their sources"
@@ -34,7 +38,7 @@ def kernels() -> ctypes.CDLL | None:
 
 
 def loaded(path: Path) -> ctypes.CDLL:
-    """Return the kernels of one build."""
+    """Return the kernels of one build. Raises OSError or AttributeError for what is none."""
     library = ctypes.CDLL(str(path))
     for function in (library.first_distinct, library.threads, library.sources):
         function.restype = ctypes.c_int64

@@ -42,7 +42,7 @@ def installer(tmp_path: Path) -> Path:
     shutil.copytree(ROOT / "core" / "kernels", tmp_path / "core" / "kernels")
     commands = tmp_path / "bin"
     commands.mkdir()
-    for name in ("bash", "dirname", "uname", "env", "cat", "cut", "sha256sum", "sed", "grep", "tr"):
+    for name in ("bash", "dirname", "uname", "env", "cat", "cut", "sha256sum", "sed", "grep", "tr", "find", "rm"):
         (commands / name).symlink_to(str(shutil.which(name)))
     python = tmp_path / ".venv" / "bin" / "python"
     python.parent.mkdir(parents=True)
