@@ -11,12 +11,13 @@ of 66 ms per 638 starts (docs/experiments.md).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.kernels.library import call, has_kernels_for
 
 _BLOCK = 128  # columns of a symmetric product that are computed at a time
 # Roots of exact zeros take eight times as long on a CPU, and most bins are empty; its root is below what single precision keeps.
@@ -110,17 +111,25 @@ def pooled(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
 
 @dataclass(frozen=True)
 class DescribedPatches:
-    """Patches of a rig: values (Q, D), their numbers on `grid` (Q,), and weights (Q,) that sum to one."""
+    """Patches of a rig: values (Q, D), their numbers on `grid` (Q,), and weights (Q,) that sum to one.
+
+    known: what `towards` has found for the same patches in other maps.
+    """
 
     values: Tensor
     numbers: Tensor
     weights: Tensor
     grid: PatchGrid
+    known: dict[int, tuple[Tensor, Tensor]] = field(default_factory=dict)
 
     def towards(self, rotations: Tensor) -> Tensor:
         """Return the patch (R, Q) of a view that each patch lies on under rotations (R, 3, 3) map_from_rig (paper, Eq. 1)."""
-        centers = self.grid.centers(rotations.device)[self.numbers]
-        return self.grid.patch_of_direction(torch.einsum("rab,qb->rqa", rotations, centers))
+        of, met = self.known.get(id(rotations), (None, None))
+        if of is not rotations or met is None:
+            centers = self.grid.centers(rotations.device)[self.numbers]
+            met = self.grid.patch_of_direction(torch.einsum("rab,qb->rqa", rotations, centers))
+            self.known[id(rotations)] = rotations, met
+        return met
 
 
 def patch_scores(patches: DescribedPatches, views: ViewDescriptors, rotations: Tensor) -> Tensor:
@@ -130,14 +139,16 @@ def patch_scores(patches: DescribedPatches, views: ViewDescriptors, rotations: T
     better this alignment is than a random pairing of the same patches.
     """
     num_views, num_patches, size = views.values.shape
+    weighted = patches.values * patches.weights[:, None]
     # In memory the start comes last, so that the gather reads whole rows and nothing has to be copied.
-    tensor = patches.values @ views.values.transpose(0, 1).reshape(-1, size).T
-    tensor = tensor.view(len(patches.values), num_patches, num_views)
-    # Σ w (q · v)² over patches of the images and of the view.
-    own = patches.values.T @ (patches.values * patches.weights[:, None])
-    deviation = (views.spreads * own).sum((1, 2)).clamp_min(0).sqrt().clamp_min(1e-9)
-    rows = tensor.div_(deviation).view(-1, num_views)
-    first = torch.arange(len(patches.values), device=rotations.device) * num_patches
-    weights = patches.weights.expand(len(rotations), -1).contiguous()
+    rows = (weighted @ views.values.transpose(0, 1).reshape(-1, size).T).view(-1, num_views)
+    first = torch.arange(len(weighted), device=rotations.device) * num_patches
     met = patches.towards(rotations) + first
-    return torch.nn.functional.embedding_bag(met, rows, mode="sum", per_sample_weights=weights).T
+    if has_kernels_for(rows):
+        sums = rows.new_empty((len(rotations), num_views))
+        call("sums_of_patches", rows, len(rows), num_views, met, *met.shape, sums)
+    else:
+        sums = torch.nn.functional.embedding_bag(met, rows, mode="sum")
+    # Σ w (q · v)² over patches of the images and of the view.
+    deviation = (views.spreads * (patches.values.T @ weighted)).sum((1, 2)).clamp_min(0).sqrt().clamp_min(1e-9)
+    return (sums / deviation).T

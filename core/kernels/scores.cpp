@@ -260,6 +260,27 @@ extern "C" void scores_of_every_pose(const uint8_t* colors, const uint8_t* seen,
     });
 }
 
+// Scores (R, T) of T views with R rotations: sums over Q patches of similarities (Q P, T), of the one that each lies on, `met` (R, Q), a row.
+extern "C" void sums_of_patches(const float* similarities, int64_t rows, int64_t views, const int64_t* met, int64_t rotations, int64_t count,
+    float* scores) {
+    using namespace panoloc;
+    for_each((views + LANES - 1) / LANES, [&](int64_t part) {
+        const int64_t first = part * LANES, size = std::min<int64_t>(LANES, views - first);
+        std::vector<float> some(rows * LANES);  // what is read again and again for some views stays near the processor
+        for (int64_t row = 0; row < rows; ++row) std::copy_n(similarities + row * views + first, size, some.data() + row * LANES);
+        for (int64_t r = 0; r < rotations; ++r) {
+            Lanes sum = {}, each;
+            for (int64_t q = 0; q < count; ++q) {
+                std::memcpy(&each, some.data() + met[r * count + q] * LANES, sizeof each);
+                sum += each;
+            }
+            float found[LANES];
+            std::memcpy(found, &sum, sizeof found);
+            std::copy_n(found, size, scores + r * views + first);
+        }
+    });
+}
+
 // Sums (K,) over Q patches of products of their descriptors (Q, size), weighted, with those that poses put on them: of views (T, patches, size),
 // the patches `met` (R, Q) under each rotation. Poses: starts and rotations (K,).
 extern "C" void products_of_patches(const float* descriptors, int64_t count, int64_t size, const int8_t* views, int64_t patches, const int64_t* met,

@@ -1,5 +1,6 @@
 """What the images of a rig look like, as the search holds it against maps."""
 
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -41,6 +42,8 @@ class DescribedRig:
 
     def __init__(self, colors: CanonicalColors, config: DescriptorConfig) -> None:
         self._pyramid, self._config = colors.pyramid, config
+        # Of patches that are taken together so often.
+        self._known: defaultdict[int, dict[int, tuple[Tensor, Tensor]]] = defaultdict(dict)
         self._grid = PatchGrid(config.patch_rows, 2 * config.patch_rows)
         windows = self._pyramid.windows(config.view_height)
         seen = windows.weights > 0
@@ -65,13 +68,15 @@ class DescribedRig:
         if not halvings:
             chosen = (self._shown > _LEAST_PATCH_SHARE * self._shown.max()).nonzero()[:, 0]
             weights = self._shown[chosen]
-            return DescribedPatches(self._roots[chosen] @ basis, chosen, weights / weights.sum(), self._grid)
+            values = self._roots[chosen] @ basis
+            return DescribedPatches(values, chosen, weights / weights.sum(), self._grid, self._known[0])
         values, weights = (self._roots @ basis)[None], self._shown[None]
         for _ in range(halvings):
             values, weights = pooled(values, weights)
         chosen = weights[0].nonzero()[:, 0]
         kept = weights[0, chosen]
-        return DescribedPatches(values[0, chosen], chosen, kept / kept.sum(), self._grid.halved(halvings))
+        grid, known = self._grid.halved(halvings), self._known[halvings]
+        return DescribedPatches(values[0, chosen], chosen, kept / kept.sum(), grid, known)
 
     @cached_property
     def pixels(self) -> RigPixels:

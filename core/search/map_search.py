@@ -122,7 +122,8 @@ class MapSearch:
     def _rotations(self, halvings: int, limits: PoseLimits) -> Tensor:
         count = self.config.rotations_with(halvings)
         every = rotations_of(count, str(self.index.starts.device))
-        return every[limits.allows_rotation(every, rotation_spacing(count) / 2)]
+        allowed = limits.allows_rotation(every, rotation_spacing(count) / 2)
+        return every if bool(allowed.all()) else every[allowed]
 
     @property
     def _is_labels(self) -> bool:

@@ -25,6 +25,7 @@ from panoloc.lab.benchmark.tables import tables_of
 from panoloc.lab.display import print_tables, progress
 from panoloc.lab.machine import machine, versions
 from panoloc.service.cli.session import Session
+from panoloc.service.host.process_resources import num_usable_cpus
 
 _TEXT_WIDTH = 240
 _BUSY_LOAD = 0.25  # of the processors
@@ -56,8 +57,7 @@ def run_bench(request: BenchRequest, session: Session) -> None:
     """
     device = chosen_device(request.device)
     names = _chosen_parts(request, session)
-    if request.threads is not None:
-        use_threads(request.threads)
+    use_threads(request.threads or num_usable_cpus())
     document = _description(request, device)
     _warn_when_busy(document["machine"], session)
     request.out.mkdir(parents=True, exist_ok=True)

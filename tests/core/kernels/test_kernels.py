@@ -17,6 +17,7 @@ from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.local_contrast import local_contrast
+from panoloc.core.features.patch_descriptors import patch_scores
 from panoloc.core.features.photo_edges import edges_of_photos
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
@@ -319,6 +320,8 @@ def test_scores_of_poses(both: Numbers, name: str, is_labels: bool) -> None:
 def test_patches_of_some_poses(both: Numbers, name: str) -> None:
     views, rotations = map_of(BOX).views, uniform_rotations(60)
     patches = query(name).rig.described.patches(views.basis)
+    every = both(lambda: patch_scores(patches, views.descriptors(), rotations))
+    torch.testing.assert_close(*every, atol=1e-4, rtol=1e-4)
     start, rotation = torch.arange(30), torch.arange(30).flip(0)
     compiled, tensors = both(lambda: patch_scores_of(patches, views, rotations, start, rotation))
     torch.testing.assert_close(compiled, tensors, atol=1e-4, rtol=1e-4)
