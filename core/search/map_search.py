@@ -7,8 +7,10 @@ rotations are left, and every pose is scored by pixels.
 Paper: §3.3 (all starts with all rotations).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -17,7 +19,7 @@ from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
-from panoloc.core.kernels.library import call, has_kernels_for
+from panoloc.core.kernels.library import call, has_kernels_for, num_threads
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.candidates import Candidates, MapCandidates
 from panoloc.core.search.described_rig import DescribedRig
@@ -26,6 +28,8 @@ from panoloc.core.search.line_evidence import LineEvidence
 from panoloc.core.search.pixel_scores import pixel_scores
 from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.search.position_sweep import swept
+
+Found = TypeVar("Found")
 
 
 class MapSearch:
@@ -148,14 +152,28 @@ def search_maps(
     kept = max(config.kept_starts, round(config.kept_share * total))
     counts = list(map(len, starts))
     if searches[0].is_wide and kept < total:
-        scores = [search.first_scores(limit) for search, limit in zip(searches, limits, strict=True)]
+        scores = _in_each(lambda search, limit: search.first_scores(limit), searches, limits)
         least = torch.cat(scores).topk(kept).values[-1]
         starts = [some[score >= least] for some, score in zip(starts, scores, strict=True)]
-    found = [
-        search.propose(limit, some, by_lines, config.num_candidates)
-        for search, limit, some in zip(searches, limits, starts, strict=True)
-    ]
+
+    def propose(search: MapSearch, limit: PoseLimits, some: Tensor) -> MapCandidates:
+        return search.propose(limit, some, by_lines, config.num_candidates)
+
+    found = _in_each(propose, searches, limits, starts)
     return [MapCandidates(part.candidates, count, part.num_poses) for part, count in zip(found, counts, strict=True)]
+
+
+def _in_each(work: Callable[..., Found], *columns: Sequence[Any]) -> list[Found]:
+    """Return what is found in each map; several maps are searched at once."""
+
+    def alone(*of_map: Any) -> Found:
+        with torch.inference_mode():  # a mode of each thread
+            return work(*of_map)
+
+    if len(columns[0]) == 1 or num_threads() == 1:
+        return [work(*of_map) for of_map in zip(*columns, strict=True)]
+    with ThreadPoolExecutor(min(len(columns[0]), num_threads())) as threads:
+        return list(threads.map(alone, *columns))
 
 
 @lru_cache(maxsize=6)
