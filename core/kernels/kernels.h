@@ -1,4 +1,4 @@
-// What the kernels share: vectors, arc tangents, and the pool of threads.
+// What the kernels share: elementary functions, pixels of images, and the pool of threads.
 #pragma once
 
 #include <algorithm>

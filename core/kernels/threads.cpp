@@ -59,10 +59,6 @@ class Pool {
     int helpers_ = 0, helping_ = 0;
 };
 
-}  // namespace
-
-namespace {
-
 Pool& pool() {
     static Pool* pool = new Pool;  // never destroyed: its threads may outlive what ends a process destroys
     return *pool;
