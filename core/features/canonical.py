@@ -72,7 +72,7 @@ class CanonicalColors:
         is_whole = len(windows.each) == 1 and windows.places[0].is_whole
         pixels = (torch.empty if is_whole else torch.zeros)((*windows.shape, 4))
         planes = windows.color, windows.valid, *windows.shape
-        rules = tables, CONTRAST.darkest, CONTRAST.scale, contrast_share
+        rules = tables, CONTRAST.darkest, CONTRAST.scale, float(contrast_share)
         for mean, place, first in zip(self._surroundings(), windows.places, windows.firsts, strict=True):
             around = mean, *mean.shape[1:], int(place.is_round)
             call("mixed_colors", *planes, first, place.height, place.width, *around, *rules, pixels)

@@ -128,8 +128,9 @@ def _compiled_steps(
 ) -> PoseStep:
     """Return what `pose_steps` returns, by the kernel; of no step its equations."""
     size, unknowns = len(rotations), 6 if bounds is None else 7
-    rotations, positions = rotations.clone(), positions.clone()
-    focals = None if log_focals is None else log_focals.clone()
+    # The kernel moves them where they lie.
+    rotations, positions = (each.clone(memory_format=torch.contiguous_format) for each in (rotations, positions))
+    focals = None if log_focals is None else log_focals.clone(memory_format=torch.contiguous_format)
     hessian = rotations.new_empty((size, unknowns, unknowns))
     gradient, step = rotations.new_empty((size, unknowns)), rotations.new_empty((size, unknowns))
     mass, loss, scale = (rotations.new_empty(size) for _ in range(3))
@@ -139,10 +140,9 @@ def _compiled_steps(
     aligned = points.positions, points.colors, points.weights, points.images, starts
     poses = points.weights.shape[1], len(starts) - 1, size, rotations, positions, focals, unknowns
     least, most = bounds or (0.0, 0.0)
-    rules = float(config.robust_scale or 0), CONTRAST.noise, config.damping, config.lengthening, config.max_step_m
-    steps = float(least), float(most), count, int(has_last)
+    rules = config.robust_scale or 0, CONTRAST.noise, config.damping, config.lengthening, config.max_step_m, least, most
     found = hessian, gradient, mass, loss, scale, step
-    call("pose_steps", *image, *cameras, *aligned, *poses, *rules, *steps, *found)
+    call("pose_steps", *image, *cameras, *aligned, *poses, *map(float, rules), count, int(has_last), *found)
     return PoseStep(rotations, positions, focals, step, PatchEquations(hessian, gradient, mass, loss, scale))
 
 
