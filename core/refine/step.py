@@ -85,34 +85,14 @@ def pose_steps(
         return _compiled_steps(level, points, rotations, positions, log_focals, config, bounds, count, has_last)
     for k in range(count):
         rules = replace(config, lengthening=1.0) if has_last and k + 1 == count else config
-        step = _pose_step(level, points, rotations, positions, log_focals, rules, bounds)
-        rotations, positions, log_focals = step.rotations, step.positions, step.log_focals
-    return step
-
-
-def _pose_step(
-    level: Level,
-    points: PointPlanes,
-    rotations: Tensor,
-    positions: Tensor,
-    log_focals: Tensor | None,
-    config: StepConfig,
-    bounds: tuple[float, float] | None,
-) -> PoseStep:
-    """Move K poses by one step."""
-    found = patch_equations(level, points, rotations, positions, config, log_focals, with_focal=bounds is not None)
-    free = found if log_focals is None or bounds is None else _held(found, log_focals, bounds)
-    step = _solve(free, config)
-    turn, move = step[:, :3], step[:, 3:6]
-    if log_focals is not None and bounds is not None:
-        log_focals = (log_focals + step[:, 6]).clamp(*bounds)
-    return PoseStep(
-        rotations @ rotation_from_vector(turn),
-        torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0],
-        log_focals,
-        step,
-        found,
-    )
+        found = patch_equations(level, points, rotations, positions, rules, log_focals, with_focal=bounds is not None)
+        step = _solve(found if log_focals is None or bounds is None else _held(found, log_focals, bounds), rules)
+        turn, move = step[:, :3], step[:, 3:6]
+        positions = torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0]
+        rotations = rotations @ rotation_from_vector(turn)
+        if log_focals is not None and bounds is not None:
+            log_focals = (log_focals + step[:, 6]).clamp(*bounds)
+    return PoseStep(rotations, positions, log_focals, step, found)
 
 
 def _compiled_steps(
@@ -126,7 +106,7 @@ def _compiled_steps(
     count: int,
     has_last: bool = False,
 ) -> PoseStep:
-    """Return what `pose_steps` returns, by the kernel; of no step its equations."""
+    """Return what `pose_steps` returns, by the kernel; of no step the equations of the poses as they are."""
     size, unknowns = len(rotations), 6 if bounds is None else 7
     # The kernel moves them where they lie.
     rotations, positions = (each.clone(memory_format=torch.contiguous_format) for each in (rotations, positions))

@@ -155,25 +155,22 @@ def search_maps(
         scores = _in_each(lambda search, limit: search.first_scores(limit), searches, limits)
         least = torch.cat(scores).topk(kept).values[-1]
         starts = [some[score >= least] for some, score in zip(starts, scores, strict=True)]
-
-    def propose(search: MapSearch, limit: PoseLimits, some: Tensor) -> MapCandidates:
-        return search.propose(limit, some, by_lines, config.num_candidates)
-
-    found = _in_each(propose, searches, limits, starts)
+    found = _in_each(
+        lambda search, limit, some: search.propose(limit, some, by_lines, config.num_candidates),
+        searches,
+        limits,
+        starts,
+    )
     return [MapCandidates(part.candidates, count, part.num_poses) for part, count in zip(found, counts, strict=True)]
 
 
 def _in_each(work: Callable[..., Found], *columns: Sequence[Any]) -> list[Found]:
     """Return what is found in each map; several maps are searched at once."""
-
-    def alone(*of_map: Any) -> Found:
-        with torch.inference_mode():  # a mode of each thread
-            return work(*of_map)
-
-    if len(columns[0]) == 1 or num_threads() == 1:
+    at_once = min(len(columns[0]), num_threads())
+    if at_once == 1:
         return [work(*of_map) for of_map in zip(*columns, strict=True)]
-    with ThreadPoolExecutor(min(len(columns[0]), num_threads())) as threads:
-        return list(threads.map(alone, *columns))
+    with ThreadPoolExecutor(at_once) as threads:
+        return list(threads.map(torch.inference_mode()(work), *columns))  # a mode of each thread
 
 
 @lru_cache(maxsize=6)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 # How long threads of torch that wait for each other spin before they sleep: OpenMP's own milliseconds starve everybody
-# where other work wants the cores, and to sleep at once makes a query 1.7 times as long where none does.
+# where other work wants the cores, and to sleep at once makes a query without kernels 1.7 times as long where none does.
 SPINNING = {"GOMP_SPINCOUNT": "5000"}
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
 _CGROUP_MEMORY = Path("/sys/fs/cgroup/memory.max")

@@ -86,3 +86,21 @@ def test_everything_but_the_project_itself_is_installed_by_its_digest(
         assert all("--require-hashes --no-deps" in line for line in installed[:-1])
         files = {word for line in installed for word in line.split() if word.endswith(".txt")}
         assert files == {"requirements/service.txt", "requirements/torch.txt"}
+
+
+@pytest.mark.parametrize("are_there", [True, False])
+def test_kernels_that_are_missing_are_built_again_and_said_to_be_missing_where_that_fails(
+    installer: Path, are_there: bool
+) -> None:
+    top = installer.parents[1]
+    kernels, record = top / "core" / "kernels" / "_baseline.so", top / "installed"
+    environment = {"PATH": str(top / "bin"), "TORCH_SAYS": ""}
+    run([str(installer)], **environment)
+    record.unlink()
+    if are_there:
+        kernels.write_bytes(b"built")
+    done = run([str(installer)], **environment)
+    assert done.returncode == 0, done.stderr
+    assert record.exists() != are_there
+    assert kernels.exists() == are_there
+    assert ("could not be compiled" in done.stderr) != are_there

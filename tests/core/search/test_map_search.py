@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from panoloc.core.geometry.rotations import rotation_from_vector, rotation_spacing, uniform_rotations
+from panoloc.core.kernels.library import num_threads, use_threads
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery, prepare_queries
 from panoloc.core.search.candidates import MapCandidates
@@ -25,6 +26,25 @@ NARROW_MARGIN = rotation_spacing(SEARCH.rotations) / 2  # rad, and less of the d
 def searched(query: MapQuery, limits: PoseLimits | None = None) -> MapCandidates:
     (found,) = search_maps([query.search], [limits or query.limits], False, SEARCH)
     return found
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_maps_that_are_searched_at_once_propose_what_they_do_one_after_the_other(name: str) -> None:
+    with torch.inference_mode():
+        both = prepare_queries(RIGS[name][0], [map_of(BOX), map_of(OTHER_BOX)], None, CONFIG)
+        given = [one.search for one in both], [one.limits for one in both], False, SEARCH
+        before, of_tensors, found = num_threads(), torch.get_num_threads(), []
+        try:
+            for threads in (1, 2):
+                use_threads(threads)
+                found.append(search_maps(*given))
+        finally:
+            use_threads(before)
+            torch.set_num_threads(of_tensors)
+    for alone, at_once in zip(*found, strict=True):
+        assert len(alone.candidates) > 1
+        assert torch.equal(alone.candidates.positions, at_once.candidates.positions)
+        assert torch.equal(alone.candidates.scores, at_once.candidates.scores)
 
 
 @pytest.mark.parametrize("name", RIGS)
