@@ -4,6 +4,7 @@ A straight edge in space, whatever its distance, lies in one plane with the lens
 change fastest across the edge, a unit vector of the rig: the vanishing point of the edge lies at a right angle to it.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -34,19 +35,35 @@ class Edges:
 
 
 def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
-    """Return the strongest edges of all photos together, thinned to one pixel across; few or none where hardly any are."""
+    """Return the strongest edges in each of equal squares of the photos, thinned to one pixel across; few or none where hardly any are.
+
+    Taken from everywhere: the strongest of all are those of one rug or picture, which may hang askew.
+    """
     windows = pyramid.windows(min(config.rows, pyramid.finest_rows))
     magnitude, east, north = _gradients(windows)
-    strongest = _ridges(magnitude, east, north, windows).flatten()
+    valid = windows.valid > 0
     # Where most of a photo is plain, how fast colours change there is noise.
-    noise = magnitude[windows.valid > 0].median()
-    count = int((strongest > (config.edge_over_noise * noise).clamp_min(config.least_gradient)).sum())
-    length_deg = count * 180 / windows.rows
-    chosen = strongest.topk(min(count, config.strongest_edges)).indices
+    least = (config.edge_over_noise * magnitude[valid].median()).clamp_min(config.least_gradient)
+    ridges = _ridges(magnitude, east, north, windows)
+    ridges = ridges * (ridges > least)
+    length_deg = int((ridges > 0).sum()) * 180 / windows.rows
+    side = max(1, round(math.sqrt(int(valid.sum()) / config.squares)))
+    chosen = _strongest(ridges, side, config.edges_in_square)
     directions = windows.directions.flatten(0, 1)[chosen]
     normals = _tangents(directions, east.flatten()[chosen], north.flatten()[chosen])
     turned = pyramid.rotations[windows.image.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)
     return Edges(turned[..., 0].contiguous(), turned[..., 1].contiguous(), length_deg)
+
+
+def _strongest(ridges: Tensor, side: int, count: int) -> Tensor:
+    """Return the numbers (E,), among all pixels, of the largest of each square of `side` pixels, at most `count` and none that is zero."""
+    height, width = ridges.shape
+    padded = torch.nn.functional.pad(ridges, (0, -width % side, 0, -height % side))
+    squares = padded.unfold(0, side, side).unfold(1, side, side).flatten(2)
+    values, inside = squares.topk(min(count, side * side))
+    row, column, rank = values.nonzero(as_tuple=True)
+    inside = inside[row, column, rank]
+    return (row * side + inside // side) * width + column * side + inside % side
 
 
 def _gradients(windows: Windows) -> tuple[Tensor, Tensor, Tensor]:

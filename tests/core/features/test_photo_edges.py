@@ -37,7 +37,7 @@ def halves() -> NDArray[np.float64]:
 def edges_of(*photos: Photo, poses: tuple[Pose, ...] = ()) -> Edges:
     here = Pose(np.eye(3), np.zeros(3))
     images = tuple(RigImage(*both) for both in zip(photos, poses or (here,), strict=True))
-    return edges_of_photos(RigPyramid(Rig(images), 512, None, "cpu"), replace(CONFIG, strongest_edges=9999))
+    return edges_of_photos(RigPyramid(Rig(images), 512, None, "cpu"), replace(CONFIG, edges_in_square=9999))
 
 
 def angles_deg(normals: Tensor, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,3 +99,14 @@ def test_a_wall_in_soft_light_has_no_edges_however_grainy() -> None:
     soft = 0.6 + 0.15 * rows / CAMERA.height_px - 0.1 * columns / CAMERA.width_px
     for wall in (soft, soft + grain):
         assert edges_of(photo(wall.clip(0, 1))).length_deg < JudgeConfig().least_edges_deg / 2
+
+
+def test_edges_are_taken_from_everywhere() -> None:
+    # A striped rug has the strongest edges by far, more than are taken.
+    image = halves()
+    rows, columns = image.shape
+    image[: rows // 2, : columns // 2] = np.where(np.arange(columns // 2) % 24 < 12, 0.05, 0.95)
+    here = Pose(np.eye(3), np.zeros(3))
+    found = edges_of_photos(RigPyramid(Rig((RigImage(photo(image), here),)), 512, None, "cpu"), CONFIG)
+    step = angles_deg(found.normals, NORMAL) < 3
+    assert int(step.sum()) > found.count / 20
