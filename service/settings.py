@@ -86,6 +86,9 @@ class Settings(BaseSettings):
         None, ge=1, description="Bytes that one caller may send per hour; the next upload gets 429."
     )
     max_maps: int = Field(1000, ge=1, description="Largest number of maps.")
+    search_all: bool = Field(
+        False, description="Whether a query that names neither maps nor a tag searches all maps that its key sees."
+    )
     max_batch_images: int = Field(2000, ge=1, description="Images of one batch.")
     queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
     default_timeout_s: float = Field(

@@ -34,6 +34,9 @@ class SearchConfig:
     num_candidates: int = 32
     pool: int = 2500  # poses that candidates are chosen from
     first_portion: int = 9  # are looked at first
+    # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): by wide rigs first a few, then the others.
+    first_maps: int = 8
+    most_maps: int = 64
     # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
     reach_m: float = 0.75
 

@@ -50,14 +50,15 @@ class DescribedViews:
         """Return the descriptors as numbers, of patches taken together in squares of 2 ^ `halvings` a side, up to 2; those are kept."""
         if halvings:
             return self._pooled[halvings - 1]
-        values = self.steps.float() * self.scale[:, None, None]
-        return ViewDescriptors(values, self.basis, self.weights.float(), self.spreads)
+        return ViewDescriptors(self._values(), self.basis, self.weights.float(), self.spreads)
+
+    def _values(self) -> Tensor:
+        return self.steps.float().mul_(self.scale[:, None, None])
 
     @cached_property
     def _pooled(self) -> tuple[ViewDescriptors, ViewDescriptors]:
         with torch.inference_mode(False):  # they outlive the query that asked for them first
-            fine = self.descriptors()
-            halved = pooled(fine.values, fine.weights)
+            halved = pooled(self._values(), self.weights.float())
             return self._with_spreads(*halved), self._with_spreads(*pooled(*halved))
 
     def _with_spreads(self, values: Tensor, weights: Tensor) -> ViewDescriptors:
@@ -67,7 +68,7 @@ class DescribedViews:
     def spreads(self) -> Tensor:
         """Return how the descriptors of each view spread, (T, D, D); see `spreads_of`."""
         with torch.inference_mode(False):  # they outlive the query that asked for them first
-            return spreads_of(self.steps.float() * self.scale[:, None, None], self.weights.float())
+            return spreads_of(self._values(), self.weights.float())
 
     @cached_property
     def tables(self) -> Tensor:

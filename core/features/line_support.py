@@ -13,6 +13,7 @@ from torch import Tensor
 from panoloc.core.config import LineConfig
 from panoloc.core.features.photo_edges import Edges
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
+from panoloc.core.geometry.rotations import rotations_of_axes
 from panoloc.core.kernels.library import call, has_kernels_for
 
 LEAST_SINE = 0.05  # of the angle from an edge to a vanishing point; nearer ones say nothing of the direction of an edge
@@ -49,6 +50,11 @@ class LineSupport:
         """Return what rotations have on average."""
         weights = pixel_solid_angles(self._rows, 2 * self._rows, self._bordered.device)
         return 3 * float((self._bordered[0, 1:-1, 1:-1] * weights).sum() / (4 * math.pi))
+
+    def contrast(self, count: int) -> float:
+        """Return by how much edges agree better with the best turn of axes at right angles, of `count` over all turns, than by chance."""
+        every = rotations_of_axes(count, str(self._bordered.device))
+        return float(self.of_rotations(every).max()) - self.by_chance
 
     def of_rotations(self, rotations: Tensor) -> Tensor:
         """Return the mean log-likelihood ratio (R,) of an edge, for rotations (R, 3, 3) axes_from_rig."""

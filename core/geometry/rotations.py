@@ -45,19 +45,23 @@ def rotation_from_vector(vector: Tensor) -> Tensor:
     return result
 
 
+def turns_of_axes(device: str) -> Tensor:
+    """Return the 24 rotations (24, 3, 3) that bring three axes at right angles onto themselves."""
+    signs = torch.tensor([-1.0, 1.0])
+    flips = torch.cartesian_prod(signs, signs, signs)
+    orders = torch.eye(3)[torch.tensor(list(permutations(range(3))))]
+    turns = (flips[:, None, :, None] * orders).flatten(0, 1)
+    return turns[torch.linalg.det(turns) > 0].to(device)
+
+
 @lru_cache(maxsize=4)
 def rotations_of_axes(count: int, device: str) -> Tensor:
     """Return, of `count` rotations spread evenly over SO(3), those (K, 3, 3) that suffice for three axes at right angles: of the 24
     rotations that bring such axes onto themselves none is nearer to them than the identity."""
     with torch.inference_mode(False):  # they outlive the query that asked for them first
-        signs = torch.tensor([-1.0, 1.0])
-        flips = torch.cartesian_prod(signs, signs, signs)
-        orders = torch.eye(3)[torch.tensor(list(permutations(range(3))))]
-        turns = (flips[:, None, :, None] * orders).flatten(0, 1)
-        turns = turns[torch.linalg.det(turns) > 0].to(device)
         rotations = uniform_rotations(count).to(device)
         # The angle of a rotation falls with its trace.
-        traces = rotations.flatten(1) @ turns.flatten(1).T
+        traces = rotations.flatten(1) @ turns_of_axes(device).flatten(1).T
         return rotations[traces.amax(1) <= torch.diagonal(rotations, dim1=-2, dim2=-1).sum(-1) + 1e-6]
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from panoloc.core.config import PoseDistance, SearchConfig
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.geometry.distinct_poses import first_distinct
-from panoloc.core.geometry.rotations import rotation_spacing, rotations_of_axes
+from panoloc.core.geometry.rotations import rotation_spacing
 from panoloc.core.search.pose_limits import PoseLimits
 
 
@@ -24,11 +24,11 @@ class LineEvidence:
         self._lines, self._axes_from_map = lines, axes_from_map
         self._by_chance = lines.by_chance
         if limits.leaves_tilts_beyond(math.pi / 2):
-            best = lines.of_rotations(rotations_of_axes(len(rotations), str(rotations.device))).max()
+            self.contrast = lines.contrast(len(rotations))
         else:
             allowed = rotations[limits.allows_rotation(rotations)]
             best = self.of_rotations(allowed).max() if len(allowed) else torch.tensor(self._by_chance)
-        self.contrast = float(best) - self._by_chance
+            self.contrast = float(best) - self._by_chance
 
     def of_rotations(self, rotations: Tensor) -> Tensor:
         """Return how well edges agree with rotations (R, 3, 3) map_from_rig: the mean logarithm of the likelihood ratio (R,)."""

@@ -98,7 +98,7 @@ def localize(
     """Find where panoramas, photos or the frames of a session were taken. Exit code 3: some not localized, 4: some ambiguous."""
     if not panoramas and not tracked:
         raise typer.BadParameter("expected at least one image, or --session PATH, got neither", param_hint="IMAGE")
-    check_map_choice(map_id, tag)
+    check_map_choice(map_id, tag, may_be_all=True)
     session = Session.of(ctx, json)
     described = camera_object(hfov, camera)
     if bool(panoramas) == bool(tracked) or (tracked and described) or (up_known and not tracked):

@@ -21,9 +21,10 @@ HfovOption = Annotated[
 ]
 
 
-def check_map_choice(map_ids: list[str] | None, tag: str | None) -> None:
-    """Raise typer.BadParameter unless maps are chosen by id or by tag, one of both."""
-    if bool(map_ids) == bool(tag):
+def check_map_choice(map_ids: list[str] | None, tag: str | None, may_be_all: bool = False) -> None:
+    """Raise typer.BadParameter unless maps are chosen by id or by tag, one of both. may_be_all: or by neither, where the service lets that
+    mean all maps."""
+    if (map_ids and tag) or not (map_ids or tag or may_be_all):
         raise typer.BadParameter(
             f"expected --map ID (repeatable) or --tag TAG, got {'both' if tag else 'neither'}; `panoloc maps` lists them",
             param_hint="--map",

@@ -1,4 +1,4 @@
-"""The maps of a query: named by their ids or by a tag, or those near a place on Earth."""
+"""The maps of a query: named by their ids or by a tag, all, or those near a place on Earth."""
 
 import math
 from dataclasses import dataclass
@@ -9,8 +9,6 @@ from panoloc.service.jobs import MapRef
 from panoloc.service.maps.known_maps import KnownMaps, VisibleMaps
 from panoloc.service.maps.record import MapRecord, coordinate_system_of
 
-MAX_MAPS = 64
-"""That one query searches."""
 _RETRY_AFTER_S = 2
 # Of a map around its known place, and of a device's error beyond the one that it states.
 _REACH_M = 1000.0
@@ -26,48 +24,48 @@ class ChosenMaps:
 
 @dataclass(frozen=True)
 class MapChoice:
-    """Either ids or a tag; see `from_form`."""
+    """Either ids or a tag, or neither: all maps; see `from_form`."""
 
     map_ids: tuple[str, ...]
     tag: str | None
     tenant: str | None = None
 
     @classmethod
-    def from_form(cls, map_ids: list[str], tags: list[str], tenant: str | None) -> "MapChoice":
-        """Check the fields of a form. tenant: whose maps are meant, None for all. Raises InvalidOptionsError."""
-        if bool(map_ids) == bool(tags):
-            got = "both" if tags else "neither"
+    def from_form(
+        cls, map_ids: list[str], tags: list[str], tenant: str | None, may_be_all: bool = False
+    ) -> "MapChoice":
+        """Check the fields of a form. tenant: whose maps are meant, None for all. may_be_all: whether a form need not name any.
+
+        Raises InvalidOptionsError.
+        """
+        if (map_ids and tags) or not (map_ids or tags or may_be_all):
+            got, or_else = "both", ""
+            if not tags:
+                got, or_else = "neither", "; with PANOLOC_SEARCH_ALL queries that name none search all maps"
             raise InvalidOptionsError.of(
-                "map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them"
-            )
-        if len(set(map_ids)) > MAX_MAPS:
-            raise InvalidOptionsError.of(
-                "map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; name fewer maps"
+                "map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them{or_else}"
             )
         return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None, tenant)
 
     def resolve(self, registry: KnownMaps) -> ChosenMaps:
         """Return the revisions that answer now.
 
-        Every map that is named has to be ready; of a tag's maps those that are. Raises MapNotFoundError,
+        Every map that is named has to be ready; of all maps, or those of a tag, the ones that are. Raises MapNotFoundError,
         MapNotReadyError and MapUnusableError.
         """
         seen = registry.seen_by(self.tenant)
-        if self.tag is None:
+        if self.map_ids:
             return ChosenMaps(tuple(serving_ref(seen.get(map_id)) for map_id in self.map_ids))
-        tagged = seen.with_tag(self.tag)
-        if not tagged:
-            raise MapNotFoundError(
-                f"expected the tag of a map, got {self.tag[:80]!r}; GET /maps and `panoloc maps` list the maps"
-            )
-        serving = [ref for record in tagged if (ref := record.serving_ref) is not None]
+        meant = seen.all() if self.tag is None else seen.with_tag(self.tag)
+        if not meant:
+            expected = "a map to search, got none" if self.tag is None else f"the tag of a map, got {self.tag[:80]!r}"
+            raise MapNotFoundError(f"expected {expected}; GET /maps and `panoloc maps` list the maps")
+        serving = [ref for record in meant if (ref := record.serving_ref) is not None]
         if not serving:
-            return ChosenMaps((serving_ref(tagged[0]),))
-        if len(serving) > MAX_MAPS:
-            raise InvalidOptionsError.of(
-                "tag", f"expected at most {MAX_MAPS} maps, got {len(serving)} with this tag; name the maps"
-            )
-        left_out = [record.id for record in tagged if record.serving is None]
+            return ChosenMaps((serving_ref(meant[0]),))
+        if self.tag is None:
+            return ChosenMaps(tuple(serving))
+        left_out = [record.id for record in meant if record.serving is None]
         return ChosenMaps(tuple(serving), tuple(f"{map_id} has the tag but is not ready" for map_id in left_out))
 
 
@@ -102,7 +100,7 @@ class Place:
 def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
     """Return the maps that answer and have a place on Earth; place: only those within its accuracy plus a kilometre.
 
-    Raises MapNotFoundError where there is none, and InvalidOptionsError for more than a query may name.
+    Raises MapNotFoundError where there is none.
     """
     places = {record.id: place_of(record) for record in maps.all() if record.serving_ref is not None}
     known = {map_id: found for map_id, found in places.items() if found is not None}
@@ -115,11 +113,6 @@ def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
         raise MapNotFoundError(
             f"expected a ready map with a place on Earth{where}, got none among {len(known)} maps; set a "
             "georeference with PATCH /maps/{id}, or name a map as map_id"
-        )
-    if len(near) > MAX_MAPS:
-        raise InvalidOptionsError.of(
-            "map_id",
-            f"expected at most {MAX_MAPS} maps to search, got {len(near)}; send a geolocation, or name maps as map_id",
         )
     return MapChoice(tuple(near), None, maps.tenant)
 

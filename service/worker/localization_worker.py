@@ -1,166 +1,99 @@
-"""The worker that answers queries: loads the map's index, decodes the images, localizes them, draws the pictures."""
+"""The worker that answers queries: decodes the images, localizes them in the maps of the query, draws the pictures."""
 
-import contextlib
 import gc
 import logging
 import os
 import socket
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
-from panoloc.core.errors import DeadlineExceededError, IndexFormatError
+from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.kernels.library import use_threads
 from panoloc.core.localizer import Localizer
-from panoloc.core.map.map_builder import index_config_digest
-from panoloc.core.map.map_codec import decode_map_index
+from panoloc.core.many_maps import localize_among
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization
 from panoloc.service.cache import WorkerCache
-from panoloc.service.errors import CacheDownError
 from panoloc.service.host.process_resources import keep_freed_memory, num_usable_cpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from panoloc.service.storage import Storage
 from panoloc.service.worker.answers import answer_of, change_cells
-from panoloc.service.worker.map_catalog import registration_of, stored_index
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.query_images import as_found, read_query, shown_on_sphere
 from panoloc.service.worker.reply import WorkerReply, guarded
+from panoloc.service.worker.shelf import MissingIndexError, QueryMaps, Shelf
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 
-class ResidentIndexes:
-    """Indexes in memory, bounded by bytes; the least recently used make room. Not thread-safe: a worker computes in one thread."""
-
-    def __init__(self, max_bytes: int) -> None:
-        self._max_bytes = max_bytes
-        self._held: dict[MapRef, MapIndex] = {}  # the least recently used first
-
-    @property
-    def num_bytes(self) -> int:
-        """Return the bytes of everything held."""
-        return sum(index.num_bytes for index in self._held.values())
-
-    def get(self, ref: MapRef) -> MapIndex | None:
-        """Return an index, None when it is not held; it becomes the most recently used."""
-        if ref in self._held:
-            self._held[ref] = self._held.pop(ref)
-        return self._held.get(ref)
-
-    def put(self, ref: MapRef, index: MapIndex) -> None:
-        """Hold an index that is not held yet, unless it is larger than all room."""
-        if index.num_bytes <= self._max_bytes:
-            while self.num_bytes + index.num_bytes > self._max_bytes:
-                del self._held[next(iter(self._held))]
-            self._held[ref] = index
-
-
 class LocalizationWorker:
-    """Holds a localizer and the indexes used last. Computes in one thread."""
+    """Holds a localizer and the maps used last. Computes one query at a time."""
 
     def __init__(self, settings: WorkerSettings, localizer: Localizer, storage: Storage, cache: WorkerCache) -> None:
         self._settings = settings
         self._localizer = localizer
-        self._storage = storage
-        self._cache = cache
-        self._resident = ResidentIndexes(settings.resident_bytes)
+        self._shelf = Shelf(storage, cache, str(localizer.device), settings.resident_bytes)
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         """Answer one query, or name the indexes that have to be built again first."""
         began = time.monotonic()
-        query = _RunningQuery(job, self._localizer, self._settings)
-        outcome, failure = guarded(lambda: query.answer(self._index_of))
+        query = _RunningQuery(job, QueryMaps(self._shelf, job.maps), self._localizer, self._settings)
+        outcome, failure = guarded(query.answer)
         return WorkerReply(
             outcome=outcome,
             failure=failure,
-            missing=tuple(query.missing),
+            missing=query.missing,
             worker=self._name,
             duration_s=time.monotonic() - began,
-            resident_bytes=self._resident.num_bytes,
-            index_loads=query.index_loads,
+            resident_bytes=self._shelf.num_bytes,
+            index_loads=dict(query.maps.loads),
         )
-
-    def _index_of(self, map_ref: MapRef) -> tuple[str, MapIndex | None]:
-        """Return where the index came from, "resident", "redis" or "storage", and the index.
-
-        A copy from storage goes back into Redis. "missing" and None when the index has to be built again.
-        """
-        index = self._resident.get(map_ref)
-        if index is not None:
-            return "resident", index
-        digest = index_config_digest(registration_of(self._storage, map_ref).options.index)
-        source, encoded = "redis", self._cache.get_index(map_ref, digest)
-        index = self._decoded(map_ref, encoded)
-        if index is None:
-            source, encoded = "storage", stored_index(self._storage, map_ref, digest)
-            index = self._decoded(map_ref, encoded)
-            if encoded is None or index is None:
-                return "missing", None
-            with contextlib.suppress(CacheDownError):  # a full Redis: the copy is as good
-                self._cache.put_index(map_ref, digest, encoded)
-        self._resident.put(map_ref, index)
-        return source, index
-
-    def _decoded(self, map_ref: MapRef, encoded: bytes | None) -> MapIndex | None:
-        """Return the index, None when it is missing or cannot be read."""
-        if encoded is None:
-            return None
-        try:
-            return decode_map_index(encoded, str(self._localizer.device))
-        except IndexFormatError as error:
-            _log.warning("a map index cannot be read", extra={"map_id": map_ref.id, "error": str(error)})
-            return None
 
 
 class _RunningQuery:
     """One query in a worker, with its timings and the indexes that are missing."""
 
-    def __init__(self, job: LocalizeJob, localizer: Localizer, settings: WorkerSettings) -> None:
+    def __init__(self, job: LocalizeJob, maps: QueryMaps, localizer: Localizer, settings: WorkerSettings) -> None:
+        self.maps = maps
         self._job = job
         self._localizer = localizer
         self._settings = settings
         self._timings_s: dict[str, float] = {}
-        self.missing: list[MapRef] = []
-        self.index_loads: dict[str, int] = {}
+        self.missing: tuple[MapRef, ...] = ()
 
-    def answer(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> LocalizeOutcome | None:
+    def answer(self) -> LocalizeOutcome | None:
         """Return the outcome, None when an index is missing. Raises errors of `core`."""
         self._remaining_s()
-        maps = self._timed("load", lambda: self._indexes(index_of))
-        if self.missing:
-            return None
-        options = self._job.options
         query = self._timed("decode", self._query)
-        localization = self._localizer.localize(
+        try:
+            localization = self._localized(query)
+        except MissingIndexError as error:
+            self.missing = error.refs
+            return None
+        query = as_found(query, localization)
+        index = None if localization.best is None else self.maps.searched[localization.best.map_position]
+        pictures = self._timed("pictures", lambda: _pictures(query, index, localization, self._job.options.artifacts))
+        cells = self._timed("pictures", lambda: None if index is None else change_cells(index, localization))
+        answer = answer_of(localization, self._job, query.photos, self._timings_s, pictures)
+        return LocalizeOutcome(answer, pictures, cells)
+
+    def _localized(self, query: Rig) -> Localization:
+        options = self._job.options
+        return localize_among(
+            self._localizer,
             query,
-            maps,
+            self.maps,
             method=options.method,
             hints=options.hints,
             top_k=options.top_k,
             timeout_s=self._remaining_s(),
         )
-        query = as_found(query, localization)
-        pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
-        cells = self._timed("pictures", lambda: _change_cells(maps, localization))
-        answer = answer_of(localization, self._job, query.photos, self._timings_s, pictures)
-        return LocalizeOutcome(answer, pictures, cells)
-
-    def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
-        found = []
-        for map_ref in self._job.maps:
-            source, index = index_of(map_ref)
-            self.index_loads[source] = self.index_loads.get(source, 0) + 1
-            if index is None:
-                self.missing.append(map_ref)
-            else:
-                found.append(index)
-        return found
 
     def _query(self) -> Rig:
         options = self._job.options
@@ -179,19 +112,13 @@ class _RunningQuery:
         return result
 
 
-def _change_cells(maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
-    best = localization.best
-    return None if best is None else change_cells(maps[best.map_position], localization)
-
-
 def _pictures(
-    query: Rig, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
+    query: Rig, index: MapIndex | None, localization: Localization, wanted: Iterable[str]
 ) -> dict[str, bytes]:
-    """Return the PNGs named in `wanted` ("score_map_2d", "score_map_3d", "overlay"); none without a pose."""
+    """Return the PNGs named in `wanted` ("score_map_2d", "score_map_3d", "overlay"); none without a pose in a map."""
     names = tuple(wanted)
-    if localization.best is None or not names:
+    if index is None or not names:
         return {}
-    index = maps[localization.best.map_position]
     panorama, localization = shown_on_sphere(query, localization)
     drawn = {}
     if "score_map_2d" in names:

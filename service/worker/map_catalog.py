@@ -1,13 +1,16 @@
-"""What workers find in storage besides scans: how a map was registered, and a copy of its index for when Redis has lost it."""
+"""What workers find in storage besides scans: how a map was registered, a copy of its index for when Redis has lost it, and its retrieval
+vectors."""
 
 import logging
 
+from panoloc.core.map.retrieval_vectors import RETRIEVAL_VERSION
 from panoloc.service.errors import MapNotFoundError, StorageError, StoredFileMissingError, TryAgainError
 from panoloc.service.jobs import MapRef, RegisterJob
 from panoloc.service.maps.record import folder_of, key_of, read_record
 from panoloc.service.storage import Storage
 
 _log = logging.getLogger(__name__)
+_VECTORS = f"retrieval-{RETRIEVAL_VERSION}.npz"
 
 
 def registration_of(storage: Storage, ref: MapRef) -> RegisterJob:
@@ -27,8 +30,25 @@ def registration_of(storage: Storage, ref: MapRef) -> RegisterJob:
 
 def stored_index(storage: Storage, ref: MapRef, digest: str) -> bytes | None:
     """Return the copy of an encoded index, None when it is missing or damaged. digest: of the configuration, hexadecimal."""
+    return _stored(storage, key_of(ref, _name_of(digest)))
+
+
+def stored_vectors(storage: Storage, ref: MapRef) -> bytes | None:
+    """Return encoded retrieval vectors, None when they are missing or damaged."""
+    return _stored(storage, key_of(ref, _VECTORS))
+
+
+def store_vectors(storage: Storage, ref: MapRef, encoded: bytes) -> None:
+    """Store retrieval vectors beside their map; a full disk is logged, no error: they can be made again from the index."""
     try:
-        return storage.read(key_of(ref, _name_of(digest)))
+        storage.put(key_of(ref, _VECTORS), encoded)
+    except (TryAgainError, OSError) as error:
+        _log.warning("the retrieval vectors of a map are not stored", extra={"map_id": ref.id, "error": str(error)})
+
+
+def _stored(storage: Storage, key: str) -> bytes | None:
+    try:
+        return storage.read(key)
     except (StorageError, TryAgainError):
         return None
 

@@ -17,6 +17,7 @@ from panoloc.core.map.map_builder import build_map_index, index_config_digest
 from panoloc.core.map.map_codec import encode_map_index
 from panoloc.core.map.map_diagnostics import map_diagnostics
 from panoloc.core.map.map_index import MapIndex
+from panoloc.core.map.retrieval_vectors import encode_retrieval_vectors, retrieval_vectors
 from panoloc.core.options import MIN_POINTS
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
@@ -29,7 +30,7 @@ from panoloc.service.host.process_resources import limit_process, num_usable_cpu
 from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, RegisterOutcome
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
 from panoloc.service.storage import Storage
-from panoloc.service.worker.map_catalog import registration_of, store_index
+from panoloc.service.worker.map_catalog import registration_of, store_index, store_vectors
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.reply import WorkerReply, guarded
 
@@ -112,6 +113,7 @@ class Registrar:
         cloud, index = self._build(job, progress)
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
+        store_vectors(self._storage, job.map, encode_retrieval_vectors(retrieval_vectors(index)))
         store_index(self._storage, job.map, index_config_digest(job.options.index), encoded)
         self._store_with_retries(job, encoded)
         diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
@@ -127,6 +129,7 @@ class Registrar:
         job = registration_of(self._storage, map_ref)
         _, index = self._build(job, RegistrationProgress(None, map_ref))
         encoded = encode_map_index(index)
+        store_vectors(self._storage, map_ref, encode_retrieval_vectors(retrieval_vectors(index)))
         store_index(self._storage, map_ref, index_config_digest(job.options.index), encoded)
         self._store(job, encoded)
 

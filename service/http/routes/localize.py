@@ -41,7 +41,10 @@ OPTION_RULES = {"map_id": PartRule(max_parts=MAX_PARTS), "tag": PartRule(), "opt
 """The parts of a form besides its images, of a query as of a batch."""
 MAP_PARTS = {
     "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
-    "tag": {"type": "string", "description": "Instead of `map_id`: all maps with this tag."},
+    "tag": {
+        "type": "string",
+        "description": "Instead of `map_id`: all maps with this tag. Neither: all, where the service allows it.",
+    },
 }
 """The schemas of the parts that name maps."""
 
@@ -104,7 +107,6 @@ _STATE: dict[str, Any] = {
                 }
             },
         },
-        oneOf=[{"required": ["map_id"]}, {"required": ["tag"]}],
     ),
 )
 async def localize(
@@ -135,7 +137,8 @@ async def localize(
 
 def maps_of(request: Request, form: Form) -> MapChoice:
     """Return the maps that a form names. Raises InvalidOptionsError."""
-    return MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
+    tenant, may_be_all = caller_of(request).tenant, services_of(request).settings.search_all
+    return MapChoice.from_form(form.texts("map_id"), form.texts("tag"), tenant, may_be_all)
 
 
 def query_of(

@@ -78,10 +78,7 @@ async def list_batches(
         },
         [],
         {"two photos": {"value": {"image": ["(the bytes)", "(the bytes)"], "map_id": ["map_2xk7q0v9m3d1c8fa"]}}},
-        allOf=[
-            {"oneOf": [{"required": ["image"]}, {"required": ["archive"]}]},
-            {"oneOf": [{"required": ["map_id"]}, {"required": ["tag"]}]},
-        ],
+        oneOf=[{"required": ["image"]}, {"required": ["archive"]}],
     ),
 )
 async def post_batch(request: Request) -> Response:

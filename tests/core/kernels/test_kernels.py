@@ -26,6 +26,8 @@ from panoloc.core.image.level import Level
 from panoloc.core.image.photo_window import PhotoOnWindow, photo_on_window
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.kernels import library
+from panoloc.core.map.retrieval_vectors import retrieval_vectors
+from panoloc.core.query.prepared_rig import PreparedRig
 from panoloc.core.refine.patches import PatchSums, patch_numbers
 from panoloc.core.refine.step import PatchEquations, PointPlanes, PoseStep, patch_equations, pose_steps
 from panoloc.core.render.comparison import Comparison, RigView
@@ -35,7 +37,8 @@ from panoloc.core.search.every_pose import scores_of_every_pose
 from panoloc.core.search.map_search import patch_scores_of
 from panoloc.core.search.pixel_scores import pixel_scores
 from panoloc.core.search.position_sweep import swept
-from tests.core.built_maps import BOX, map_of, tensors_of
+from panoloc.core.search.retrieval import scores_of_maps
+from tests.core.built_maps import BOX, OTHER_BOX, map_of, tensors_of
 from tests.core.image.painted_photos import SIDEWAYS, photo_of
 from tests.core.image.test_level import POSITION, ROTATION, SPHERE, level_of, points_in_view
 from tests.core.search.found_candidates import CONFIG, RIGS, query
@@ -287,6 +290,17 @@ def test_what_edges_say_of_rotations(both: Numbers) -> None:
     compiled, tensors = both(lambda: LineSupport(edges, CONFIG.lines).of_rotations(uniform_rotations(500)))
     assert float(tensors.max()) > 0.1
     torch.testing.assert_close(compiled, tensors, atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("name", ["panorama", "one photo"])
+def test_scores_of_maps(both: Numbers, name: str) -> None:
+    rig = PreparedRig(RIGS[name][0], None, torch.device("cpu"), CONFIG)
+    maps = [retrieval_vectors(map_of(box)) for box in (BOX, OTHER_BOX)]
+    turn = rotation_from_vector(torch.tensor([0.0, 0.0, 0.3]))
+    maps.append(replace(maps[0], axes=maps[0].axes @ turn, steps=maps[0].steps[:-7], scale=maps[0].scale[:-7]))
+    compiled, tensors = both(lambda: scores_of_maps(rig.described, rig.lines, maps, None, CONFIG.search))
+    assert float(tensors.min()) > 0.1
+    torch.testing.assert_close(compiled, tensors, atol=1e-5, rtol=1e-4)
 
 
 def test_photos_on_the_sphere(both: Callable[..., tuple[PhotoOnWindow, PhotoOnWindow]]) -> None:

@@ -69,6 +69,14 @@ def test_the_refusal_of_a_large_head_says_what_to_do_and_counts_each_request_alo
         assert refusals(url, "header-bytes") == 1
 
 
+def answer(connection: socket.socket) -> bytes:
+    """Return the first line of an answer to /health/live, and read it to the end, which may come on its own."""
+    received = b""
+    while not received.endswith(b"}"):
+        received += connection.recv(4096)
+    return received.partition(b"\r\n")[0]
+
+
 @pytest.mark.parametrize("sent", [b"", b"GET /health HTTP/1.1\r\nA: b"], ids=["nothing", "half"])
 def test_a_head_that_does_not_come_ends_its_connection_and_no_idle_one(
     listen: Listen, monkeypatch: pytest.MonkeyPatch, sent: bytes
@@ -76,11 +84,11 @@ def test_a_head_that_does_not_come_ends_its_connection_and_no_idle_one(
     monkeypatch.setattr(server, "_HEAD_TIMEOUT_S", 0.2)
     asked = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n\r\n"
     with listen() as url, connected(url, asked) as idle:
-        assert b" 200 " in idle.recv(4096).partition(b"\r\n")[0]
+        assert b" 200 " in answer(idle)
         with connected(url, sent) as slow:
             assert slow.recv(1) == b""
         idle.sendall(asked)
-        assert b" 200 " in idle.recv(4096).partition(b"\r\n")[0]
+        assert b" 200 " in answer(idle)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import asyncio
 import json
 import time
 from collections.abc import MutableMapping
+from dataclasses import replace
 from typing import Any
 
 import httpx
@@ -119,6 +120,29 @@ async def test_a_tag_selects_the_maps_that_are_ready_and_warns_of_the_others(run
     assert [ref.id for ref in running.pool.jobs[0].maps] == [ready]
     assert any(failed in warning for warning in body["warnings"])
     assert (await running.localize(None, tag="nobody")).status_code == 404
+
+
+@pytest.mark.settings(search_all=True)
+async def test_where_the_operator_allows_it_a_query_that_names_no_map_searches_all_that_are_ready(
+    running: RunningService,
+) -> None:
+    image = ("image", ("a.png", png_of(8, 4)))
+    assert (await running.client.post("/localize", files=[image])).status_code == 404
+    ready = [await running.ready_map(), await running.ready_map()]
+    running.pool.fail_register = [ScanContentError("no colour")]
+    await running.settled((await running.upload()).json()["id"])
+    assert (await running.client.post("/localize", files=[image])).status_code == 200
+    assert sorted(ref.id for ref in running.pool.jobs[-1].maps) == sorted(ready)
+
+
+async def test_a_query_may_name_hundreds_of_maps(running: RunningService) -> None:
+    await running.ready_map('{"tags": ["campus"]}')
+    registry = running.app.state.services.registry
+    (record,) = registry.with_tag("campus")
+    others = [replace(record, id=f"map_{number}") for number in range(200)]
+    registry._records |= {each.id: each for each in others}
+    assert (await running.localize(None, tag="campus")).status_code == 200
+    assert len(running.pool.jobs[-1].maps) == 201
 
 
 async def test_a_map_that_is_not_ready_is_409_with_retry_after(running: RunningService) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from panoloc.core.map.map_index import MapIndex
 from panoloc.service.jobs import MapRef
-from panoloc.service.worker.localization_worker import ResidentIndexes
+from panoloc.service.worker.shelf import Resident
 
 
 def index(num_bytes: int) -> MapIndex:
@@ -21,7 +21,7 @@ def index(num_bytes: int) -> MapIndex:
     ],
 )
 def test_the_least_recently_used_make_room(max_bytes: int, last: int, held: str, num_bytes: int) -> None:
-    resident = ResidentIndexes(max_bytes)
+    resident: Resident[MapIndex] = Resident(max_bytes)
     for name in "ab":
         resident.put(MapRef(name, 1), index(10))
     assert resident.get(MapRef("a", 1)) == index(10)

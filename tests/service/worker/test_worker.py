@@ -19,6 +19,7 @@ import redis
 import torch
 
 from panoloc.core.camera.rig import Rig
+from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.pictures import encode_png
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_builder import build_map_index, index_config_digest
@@ -34,7 +35,7 @@ from panoloc.service.answer import Localization
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import StorageFullError
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
-from panoloc.service.maps.record import MapRecord, Revision, key_of, write_record
+from panoloc.service.maps.record import MapRecord, Revision, key_of, read_record, write_record
 from panoloc.service.settings import Settings
 from panoloc.service.storage import FolderStorage
 from panoloc.service.worker.localization_worker import LocalizationWorker
@@ -53,6 +54,7 @@ class MadeUpLocalizer:
     """Finds the first start of the first map, and remembers what it was asked."""
 
     device = torch.device("cpu")
+    config = LocalizerConfig()
 
     def __init__(self) -> None:
         self.calls: list[dict[str, Any]] = []
@@ -180,6 +182,42 @@ def test_a_query_takes_the_index_from_redis_once_and_keeps_it(registered: Place)
     call = registered.localizer.calls[0]
     assert (call["method"], call["hints"], call["top_k"]) == ("fast", None, 3)
     assert 10 < call["timeout_s"] <= 20
+
+
+def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
+    place: Place, encoded: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    maps = tuple(MapRef(f"map_{number}", 1) for number in range(10))
+    digest = index_config_digest(OPTIONS.index)
+    for each in maps:
+        write_record(place.storage, replace(read_record(place.storage, MAP.id), id=each.id))
+        store_index(place.storage, each, digest, encoded)
+    first, second = (place.worker.localize(query(maps=maps)) for _ in range(2))
+    assert (first.failure, first.index_loads) == (None, {"storage": 8})
+    assert (second.failure, second.index_loads) == (None, {"resident": 8})
+    assert first.outcome is not None
+    assert first.outcome.answer.search["num_maps"] == 10
+    assert first.outcome.answer.map_id in {each.id for each in maps}
+    stored = sorted(place.folder.rglob("retrieval-*.npz"))
+    assert len(stored) == 10
+    # Those that cannot be read are made again.
+    key = key_of(maps[3], stored[3].name)
+    before = place.storage.read(key)
+    place.storage.put(key, b"PK")
+    other = LocalizationWorker(place.worker._settings, place.localizer, place.storage, place.cache)  # type: ignore[arg-type]
+    assert other.localize(query(maps=maps)).failure is None
+    assert "retrieval vectors cannot be read" in caplog.text
+    assert place.storage.read(key) == before
+
+
+def test_maps_of_many_whose_index_is_missing_are_named(place: Place) -> None:
+    maps = (MAP, *(MapRef(f"map_{number}", 1) for number in range(9)))
+    for each in maps[1:]:
+        write_record(place.storage, replace(read_record(place.storage, MAP.id), id=each.id))
+    assert place.worker.localize(query(maps=maps)).missing == maps
+    reply = place.worker.localize(query(maps=maps[:3]))
+    assert reply.missing == maps[:3]
+    assert reply.index_loads == {"missing": 3}
 
 
 def test_an_outcome_is_the_same_after_it_has_travelled_to_another_process(registered: Place) -> None:

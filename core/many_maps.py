@@ -1,0 +1,132 @@
+"""Localize a rig in one of many maps: only those whose starts show most of what the rig shows are loaded and searched."""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Protocol
+
+import torch
+
+from panoloc.core.camera.rig import Rig
+from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.map.retrieval_vectors import RetrievalVectors
+from panoloc.core.options import DEFAULT_TILT_DEG, MAX_SESSION_TILT_DEG, Hints, Method
+from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.results import Candidate, Localization
+from panoloc.core.search.retrieval import scores_of_maps
+
+
+class MapShelf(Protocol):
+    """Maps that a rig may be in, by their numbers. What is not in memory is loaded when it is asked for."""
+
+    def __len__(self) -> int:
+        """Return how many maps there are."""
+
+    def vectors(self) -> Sequence[RetrievalVectors]:
+        """Return the retrieval vectors of all maps."""
+
+    def indexes(self, numbers: Sequence[int]) -> Sequence[MapIndex]:
+        """Return the indexes of some maps."""
+
+
+def localize_among(
+    localizer: Localizer,
+    rig: Rig,
+    maps: MapShelf,
+    *,
+    method: Method = "fast",
+    hints: Hints | None = None,
+    top_k: int = 1,
+    timeout_s: float | None = None,
+) -> Localization:
+    """Find where the images of a rig were taken, and in which of many maps.
+
+    maps: at least one. The other parameters and the errors are those of `Localizer.localize`; what `maps` raises is passed on.
+    """
+    began, few, most = time.monotonic(), localizer.config.search.first_maps, localizer.config.search.most_maps
+    ranked, portions, timings_s = list(range(len(maps))), [len(maps)], {}
+    if len(maps) > few:
+        ranked, is_wide = _likeliest(localizer, rig, maps.vectors(), hints)
+        portions = [few, most] if is_wide else [most]
+        timings_s["retrieval"] = time.monotonic() - began
+    found: Localization | None = None
+    for first, last in pairwise([0, *portions]):
+        if found is not None and _is_sure(found, localizer.config.judge.sure):
+            break
+        # What is found in other maps has to be better than what was.
+        numbers = [*ranked[first:last], *(() if found is None else _places(found))]
+        loading = time.monotonic()
+        indexes = maps.indexes(numbers)
+        timings_s["load"] = timings_s.get("load", 0.0) + time.monotonic() - loading
+        remaining_s = None if timeout_s is None else timeout_s - (time.monotonic() - began)
+        answer = localizer.localize(rig, indexes, method=method, hints=hints, top_k=top_k, timeout_s=remaining_s)
+        found = _better(found, _numbered(answer, numbers, len(maps)))
+    assert found is not None, "there is at least one map"
+    if found.status == "not_localized" and len(maps) > portions[-1]:
+        found = replace(found, warnings=(*found.warnings, _left_out(portions[-1], len(maps))))
+    return replace(found, timings_s={**timings_s, **found.timings_s})
+
+
+def _likeliest(
+    localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors], hints: Hints | None
+) -> tuple[list[int], bool]:
+    """Return the numbers of the maps, those first that show most of what a rig shows, and whether it is wide enough to trust that."""
+    config = localizer.config
+    with torch.inference_mode():
+        prepared = PreparedRig(rig, None, localizer.device, config)
+        contrast = prepared.lines.contrast(config.search.line_rotations)
+        lines = prepared.lines if contrast >= config.lines.least_contrast else None
+        tilt = _most_tilt(rig, hints, prepared.is_wide, config.search.level_tilt_deg)
+        scores = scores_of_maps(prepared.described, lines, maps, tilt, config.search)
+        return scores.argsort(descending=True, stable=True).tolist(), prepared.is_wide
+
+
+def _most_tilt(rig: Rig, hints: Hints | None, is_wide: bool, level_tilt_deg: float) -> float | None:
+    """Return how far a rig may be tilted, radians; None for any. Cameras that see little are looked for level, as people hold them."""
+    tilts = [] if is_wide else [level_tilt_deg]
+    if rig.options.up_known:
+        tilts.append(MAX_SESSION_TILT_DEG)
+    if hints is not None and (hints.upright or hints.max_tilt_deg is not None):
+        tilts.append(DEFAULT_TILT_DEG if hints.max_tilt_deg is None else hints.max_tilt_deg)
+    return math.radians(min(tilts)) if tilts else None
+
+
+def _numbered(found: Localization, numbers: Sequence[int], num_maps: int) -> Localization:
+    """Return an answer about some of the maps, with their numbers among all."""
+
+    def of_all(candidate: Candidate) -> Candidate:
+        return replace(candidate, map_position=numbers[candidate.map_position])
+
+    best = None if found.best is None else of_all(found.best)
+    alternatives = tuple(map(of_all, found.alternatives))
+    return replace(found, best=best, alternatives=alternatives, search=replace(found.search, num_maps=num_maps))
+
+
+def _places(found: Localization) -> set[int]:
+    """Return the numbers of the maps that an answer is about."""
+    best = () if found.best is None else (found.best,)
+    return {candidate.map_position for candidate in (*best, *found.alternatives)}
+
+
+def _better(before: Localization | None, now: Localization) -> Localization:
+    """Return the later of two answers, unless it is less sure and does not know of the place of the first: among the candidates of many
+    maps it may have been left out."""
+    if before is None or before.best is None or before.best.map_position in _places(now):
+        return now
+    return now if now.best is not None and now.best.confidence >= before.best.confidence else before
+
+
+def _is_sure(found: Localization, sure: float) -> bool:
+    """Return whether an answer is so sure, of one pose or of two that are equal, that nothing is gained by looking at less likely maps."""
+    confidence = 0.0 if found.best is None else found.best.confidence
+    return confidence >= {"localized": sure, "ambiguous": sure / 2}.get(found.status, math.inf)
+
+
+def _left_out(searched: int, num_maps: int) -> str:
+    return (
+        f"only the {searched} of {num_maps} maps were searched that look most like it; name fewer maps with map_id or tag, "
+        "or send more images"
+    )

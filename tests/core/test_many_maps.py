@@ -1,0 +1,89 @@
+"""A panorama in one of many maps, of which few are loaded."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.localizer import Localizer
+from panoloc.core.many_maps import localize_among
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
+from panoloc.core.results import Localization
+from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, map_of, panorama, rig_of
+from tests.core.found_pose import assert_found, best_of
+from tests.core.painted_box import PaintedBox
+
+UNKNOWN = PaintedBox(seed=8, size_m=(3.4, 5.2, 2.7))
+
+
+@cache
+def with_limits(first_maps: int, most_maps: int) -> Localizer:
+    """Return a localizer that looks at so many maps first, and at no more than that."""
+    config = LocalizerConfig()
+    return Localizer(replace(config, search=replace(config.search, first_maps=first_maps, most_maps=most_maps)), "cpu")
+
+
+class Boxes:
+    """Maps of boxes. asked: the numbers of the indexes that were asked for."""
+
+    def __init__(self, *boxes: PaintedBox) -> None:
+        self._boxes = boxes
+        self.asked: list[int] = []
+
+    def __len__(self) -> int:
+        return len(self._boxes)
+
+    def vectors(self) -> Sequence[RetrievalVectors]:
+        return [retrieval_vectors(map_of(box)) for box in self._boxes]
+
+    def indexes(self, numbers: Sequence[int]) -> Sequence[MapIndex]:
+        self.asked += numbers
+        return [map_of(self._boxes[number]) for number in numbers]
+
+
+def among(boxes: Boxes, query: Panorama, first_maps: int, most_maps: int) -> Localization:
+    return localize_among(with_limits(first_maps, most_maps), rig_of(query), boxes, timeout_s=60)
+
+
+@pytest.mark.slow
+def test_only_the_likeliest_map_is_loaded_where_it_is_the_right_one() -> None:
+    boxes = Boxes(OTHER_BOX, SYMMETRIC, UNKNOWN, BOX)
+    found = among(boxes, panorama(), 1, 3)
+    assert boxes.asked == [3]
+    assert best_of(found).map_position == 3
+    assert found.search.num_maps == 4
+    assert {"retrieval", "load", "search"} <= set(found.timings_s)
+    assert_found(found, POSE)
+
+
+@pytest.mark.slow
+def test_of_few_maps_all_are_searched_at_once() -> None:
+    boxes = Boxes(OTHER_BOX, BOX)
+    found = among(boxes, panorama(), 2, 3)
+    assert boxes.asked == [0, 1]
+    assert best_of(found).map_position == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("most", [2, 3])
+def test_where_no_likely_map_fits_others_are_searched_and_those_left_out_are_counted(most: int) -> None:
+    boxes = Boxes(OTHER_BOX, SYMMETRIC, BOX)
+    found = among(boxes, UNKNOWN.panorama(POSE), 1, most)
+    assert found.status == "not_localized"
+    # That of the likeliest so far is looked at once more, beside the others.
+    assert len(set(boxes.asked[1:])) == len(boxes.asked) - 1 == most
+    left_out = [warning for warning in found.warnings if "only the 2 of 3 maps were searched" in warning]
+    assert len(left_out) == (most < 3)
+
+
+@pytest.mark.slow
+def test_a_place_registered_twice_is_ambiguous_among_many_maps() -> None:
+    boxes = Boxes(BOX, OTHER_BOX, UNKNOWN, BOX)
+    found = among(boxes, panorama(), 2, 4)
+    assert found.status == "ambiguous"
+    assert set(boxes.asked) == {0, 3}
+    assert {best_of(found).map_position, *(each.map_position for each in found.alternatives)} == {0, 3}
