@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Protocol
 
@@ -12,7 +13,7 @@ import torch
 from panoloc.core.camera.rig import Rig
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.map.retrieval_vectors import RetrievalVectors
+from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.options import DEFAULT_TILT_DEG, MAX_SESSION_TILT_DEG, Hints, Method
 from panoloc.core.query.prepared_rig import PreparedRig
 from panoloc.core.results import Candidate, Localization
@@ -30,6 +31,28 @@ class MapShelf(Protocol):
 
     def indexes(self, numbers: Sequence[int]) -> Sequence[MapIndex]:
         """Return the indexes of some maps."""
+
+
+class LoadedMaps:
+    """Maps that are in memory."""
+
+    def __init__(self, indexes: Sequence[MapIndex]) -> None:
+        self._indexes = indexes
+
+    def __len__(self) -> int:
+        return len(self._indexes)
+
+    @cached_property
+    def _vectors(self) -> list[RetrievalVectors]:
+        return [retrieval_vectors(index) for index in self._indexes]
+
+    def vectors(self) -> Sequence[RetrievalVectors]:
+        """Return the retrieval vectors of all maps, made when they are first asked for."""
+        return self._vectors
+
+    def indexes(self, numbers: Sequence[int]) -> Sequence[MapIndex]:
+        """Return the indexes of some maps."""
+        return [self._indexes[number] for number in numbers]
 
 
 def localize_among(

@@ -102,7 +102,9 @@ class Settings(BaseSettings):
     index_ttl_s: int = Field(
         30 * 24 * 3600, ge=60, description="Seconds for which Redis keeps a map index after its last use."
     )
-    resident_bytes: int = Field(2 * 2**30, ge=0, description="Bytes of map indexes that each worker keeps in memory.")
+    resident_bytes: int = Field(
+        2 * 2**30, ge=0, description="Bytes of map indexes and retrieval vectors that each worker keeps in memory."
+    )
     drain_s: float = Field(30.0, ge=0, description="Seconds that running requests may take after SIGTERM.")
     api_keys: str = Field(
         "",

@@ -39,8 +39,8 @@ class RetrievalVectors:
         return len(self.steps)
 
     def to(self, device: torch.device | str) -> "RetrievalVectors":
-        """Return the vectors on `device`."""
-        return RetrievalVectors(self.steps.to(device), self.scale.to(device), self.axes.to(device))
+        """Return the vectors on `device`; the axes stay here, where rotations are chosen by them."""
+        return RetrievalVectors(self.steps.to(device), self.scale.to(device), self.axes)
 
     @property
     def num_bytes(self) -> int:
@@ -67,18 +67,18 @@ def retrieval_basis() -> RetrievalBasis:
 
 def retrieval_vectors(index: MapIndex) -> RetrievalVectors:
     """Return the vectors of all starts of a map; of none for a map of labels, which shares no colours with others."""
-    basis, device = retrieval_basis(), index.starts.device
+    basis, device, axes = retrieval_basis(), index.starts.device, index.wall_axes.cpu()
     directions, spread = basis.directions.to(device), basis.spread.to(device)
     described = index.views.descriptors(HALVINGS)
     if index.labels is not None:
         size = described.values.shape[1] * directions.shape[1]
-        return RetrievalVectors(torch.empty((0, size), dtype=torch.int8), torch.empty(0), index.wall_axes).to(device)
+        return RetrievalVectors(torch.empty((0, size), dtype=torch.int8), torch.empty(0), axes).to(device)
     values = described.values @ (described.basis.T @ directions)
     # So that vectors have the same deviation against what queries show on average.
     variance = (described.weights[..., None] * values.square()).sum(1) @ spread
     step = values.abs().amax((1, 2)).clamp_min(1e-9) / _STEPS
     steps = (values / step[:, None, None]).round().to(torch.int8)
-    return RetrievalVectors(steps.flatten(1), step / variance.sqrt().clamp_min(1e-9), index.wall_axes)
+    return RetrievalVectors(steps.flatten(1), step / variance.sqrt().clamp_min(1e-9), axes)
 
 
 def encode_retrieval_vectors(vectors: RetrievalVectors) -> bytes:

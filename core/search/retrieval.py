@@ -41,7 +41,9 @@ def scores_of_maps(
     azimuths = [math.atan2(float(one.axes[0, 1]), float(one.axes[0, 0])) for one in maps]
     turns = [round(azimuth / quarter * _TURNS) % _TURNS for azimuth in azimuths]
     known = sorted(set(turns))
-    queries = torch.stack([_vectors_of(patches, _about_z(turn * quarter / _TURNS) @ rotations) for turn in known])
+    queries = torch.stack(
+        [_vectors_of(patches, _about_z(turn * quarter / _TURNS).to(rotations) @ rotations) for turn in known]
+    )
     step = queries.abs().max().clamp_min(1e-9) / _QUERY_STEPS
     queries = (queries / step).round()
     numbers = torch.tensor([known.index(turn) for turn in turns])

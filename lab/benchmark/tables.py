@@ -85,7 +85,8 @@ def _maps(figures: Figures) -> list[object]:
         stages = dict(row["stages"])
         total = _spread(stages.pop("total"))
         counts = {name: f"{row[name]:,}" for name in ("maps", "starts", "points", "pixels")}
-        times = {name: f"{spread['median_ms']:.1f}" for name, spread in stages.items()}
+        names = {name: 0 for query in figures["rows"] for name in query["stages"] if name != "total"}
+        times = {name: f"{stages[name]['median_ms']:.1f}" if name in stages else "–" for name in names}
         # A synthetic view is one start seen with one rotation.
         view_us = stages["search"]["median_ms"] * 1000 / (row["starts"] * row["rotations"])
         rows.append(

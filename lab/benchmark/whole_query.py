@@ -10,6 +10,7 @@ from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Rig
 from panoloc.core.geometry.pose import pose_error
 from panoloc.core.localizer import Localizer
+from panoloc.core.many_maps import LoadedMaps, localize_among
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization
 from panoloc.lab.benchmark.painted_maps import IndexedRoom
@@ -51,7 +52,8 @@ def time_query(
     pose = room.pose()
     panorama = room.panorama(pose, width)
     jpeg = encode_jpeg(panorama) if find_spec("PIL") else None
-    runs = [_run(localizer, maps, panorama, jpeg, pictures=pictures) for _ in range(warm_ups + repeats)][warm_ups:]
+    loaded = LoadedMaps(maps)
+    runs = [_run(localizer, loaded, panorama, jpeg, pictures=pictures) for _ in range(warm_ups + repeats)][warm_ups:]
     answer = runs[-1][1]
     error = None if answer.best is None else pose_error(answer.best.pose, pose)
     return QueryCost(
@@ -77,7 +79,7 @@ def encode_jpeg(panorama: Panorama) -> bytes:
 
 
 def _run(
-    localizer: Localizer, maps: Sequence[MapIndex], panorama: Panorama, jpeg: bytes | None, *, pictures: bool
+    localizer: Localizer, maps: LoadedMaps, panorama: Panorama, jpeg: bytes | None, *, pictures: bool
 ) -> tuple[dict[str, float], Localization]:
     """Answer once; return milliseconds by stage, and the answer."""
     times: dict[str, float] = {}
@@ -87,19 +89,19 @@ def _run(
 
         panorama = read_panorama(jpeg)
         times["decode"] = _since(began)
-    answer = localizer.localize(Rig.of_panorama(panorama), maps)
+    answer = localize_among(localizer, Rig.of_panorama(panorama), maps)
     times |= {name: seconds * 1000 for name, seconds in answer.timings_s.items()}
     if pictures and jpeg is not None:
-        times |= _picture_times(panorama, maps, answer)
+        (index,) = maps.indexes([answer.best.map_position if answer.best else 0])
+        times |= _picture_times(panorama, index, answer)
     times["total"] = _since(began)
     return times, answer
 
 
-def _picture_times(panorama: Panorama, maps: Sequence[MapIndex], answer: Localization) -> dict[str, float]:
+def _picture_times(panorama: Panorama, index: MapIndex, answer: Localization) -> dict[str, float]:
     """Draw and encode the three pictures of an answer; return milliseconds of both."""
     from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 
-    index = maps[answer.best.map_position if answer.best else 0]
     began = time.perf_counter()
     drawn = (
         draw_score_map_2d(panorama, answer),

@@ -134,6 +134,29 @@ def parameters(
 
 
 @app.command()
+def campus(
+    ctx: typer.Context,
+    sizes: Annotated[list[int] | None, typer.Option("--maps", min=2, help="How many maps; repeatable.")] = None,
+    queries: Annotated[int, typer.Option(min=1, help="Queries, evenly spread over the maps.")] = 50,
+    camera: Annotated[str | None, typer.Option(help="Photos in place of panoramas: photo, frames6, …")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu or cuda.")] = None,
+    out: Annotated[Path, typer.Option(file_okay=False, help="Folder of maps and rows.")] = Path("panoloc-campus"),
+    json: JsonOption = False,
+) -> None:
+    """Localize queries of changed rooms and flats among many maps, a tenth of which are twins of others.
+
+    Maps that --out already holds are not built again.
+    """
+    session: Session = ctx.obj
+    session.json_output = json
+    with core_errors_shown(session):
+        bound_spinning()
+        from panoloc.lab.commands.campus_run import run_campus
+
+        run_campus(sizes or [10, 100], queries, camera, device, out, session)
+
+
+@app.command()
 def fit(
     ctx: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="ROWS...", help="rows.jsonl of evaluations.")],

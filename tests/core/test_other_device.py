@@ -5,12 +5,17 @@ import contextlib
 import pytest
 import torch
 
+from panoloc.core.camera.rig import Rig
+from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import pose_error
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.options import IndexOptions
+from panoloc.core.query.prepared_rig import PreparedRig
 from panoloc.core.results import Candidate
-from tests.core.built_maps import BOX, answer, localized, map_of, panorama, rig_of
+from panoloc.core.search.retrieval import scores_of_maps
+from tests.core.built_maps import BOX, OTHER_BOX, answer, localized, map_of, panorama, rig_of
 from tests.core.found_pose import best_of, known
 from tests.core.image.painted_photos import session_of
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
@@ -39,6 +44,24 @@ def test_a_query_computes_where_its_localizer_is() -> None:
     assert_same(best_of(found), here)
     print(f"operations started {sum(device.started.values())}, values asked for {dict(device.asked)}")
     assert sum(device.asked.values()) < MOST_ASKED
+
+
+def test_retrieval_compares_there() -> None:
+    boxes, rig = (OTHER_BOX, BOX), rig_of(panorama())
+    here = [retrieval_vectors(map_of(box)) for box in boxes]
+    expected = scores_of(rig, here, "cpu")
+    with OtherDevice():
+        there = [retrieval_vectors(map_of(box).to(DEVICE)) for box in boxes]
+        found = scores_of(rig, there, str(DEVICE))
+    assert found == pytest.approx(expected, rel=0.01)
+
+
+def scores_of(rig: Rig, maps: list[RetrievalVectors], device: str) -> list[float]:
+    """Return the scores of maps for a rig, worked out on a device."""
+    config = LocalizerConfig()
+    prepared = PreparedRig(rig, None, torch.device(device), config)
+    scores = scores_of_maps(prepared.described, prepared.lines, maps, None, config.search)
+    return [float(score) for score in scores]
 
 
 def test_photos_with_parallax_and_lines_are_localized_there_as_well() -> None:
