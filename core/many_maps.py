@@ -72,8 +72,8 @@ def localize_among(
     began, few, most = time.monotonic(), localizer.config.search.first_maps, localizer.config.search.most_maps
     ranked, portions, timings_s = list(range(len(maps))), [len(maps)], {}
     if len(maps) > few:
-        ranked, is_wide = _likeliest(localizer, rig, maps.vectors(), hints)
-        portions = [few, most] if is_wide else [most]
+        ranked, is_telling = _likeliest(localizer, rig, maps.vectors(), hints)
+        portions = [few, most] if is_telling else [most]
         timings_s["retrieval"] = time.monotonic() - began
     found: Localization | None = None
     for first, last in pairwise([0, *portions]):
@@ -96,7 +96,7 @@ def localize_among(
 def _likeliest(
     localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors], hints: Hints | None
 ) -> tuple[list[int], bool]:
-    """Return the numbers of the maps, those first that show most of what a rig shows, and whether it is wide enough to trust that."""
+    """Return the numbers of the maps, those first that show most of what a rig shows, and whether it shows enough to trust that."""
     config = localizer.config
     with torch.inference_mode():
         prepared = PreparedRig(rig, None, localizer.device, config)
@@ -104,7 +104,7 @@ def _likeliest(
         lines = prepared.lines if contrast >= config.lines.least_contrast else None
         tilt = _most_tilt(rig, hints, prepared.is_wide, config.search.level_tilt_deg)
         scores = scores_of_maps(prepared.described, lines, maps, tilt, config.search)
-        return scores.argsort(descending=True, stable=True).tolist(), prepared.is_wide
+        return scores.argsort(descending=True, stable=True).tolist(), prepared.share >= config.judge.narrow_share
 
 
 def _most_tilt(rig: Rig, hints: Hints | None, is_wide: bool, level_tilt_deg: float) -> float | None:

@@ -6,7 +6,7 @@ at the end.
 
 import secrets
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
@@ -118,6 +118,11 @@ class LocalizeOutcome:
     answer: "Localization"
     pictures: dict[str, bytes] = field(default_factory=dict)
     change_cells: dict[str, Any] | None = None
+
+    def without_maps(self, left_out: Mapping[MapRef, Exception]) -> "LocalizeOutcome":
+        """Return the outcome with a warning for each map that could not be searched, and why not."""
+        warnings = [f"{ref.id} was left out: {error}" for ref, error in left_out.items()]
+        return replace(self, answer=self.answer.model_copy(update={"warnings": [*self.answer.warnings, *warnings]}))
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ class SearchConfig:
     num_candidates: int = 32
     pool: int = 2500  # poses that candidates are chosen from
     first_portion: int = 9  # are looked at first
-    # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): by wide rigs first a few, then the others.
+    # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a few, and
+    # then the others where no answer is sure; by rigs that show little all at once.
     first_maps: int = 8
     most_maps: int = 64
     # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.

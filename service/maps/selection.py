@@ -63,10 +63,11 @@ class MapChoice:
         serving = [ref for record in meant if (ref := record.serving_ref) is not None]
         if not serving:
             return ChosenMaps((serving_ref(meant[0]),))
-        if self.tag is None:
-            return ChosenMaps(tuple(serving))
         left_out = [record.id for record in meant if record.serving is None]
-        return ChosenMaps(tuple(serving), tuple(f"{map_id} has the tag but is not ready" for map_id in left_out))
+        if self.tag is not None:
+            return ChosenMaps(tuple(serving), tuple(f"{map_id} has the tag but is not ready" for map_id in left_out))
+        warning = f"{len(left_out)} of {len(meant)} maps are not ready and were not searched"
+        return ChosenMaps(tuple(serving), (warning,) if left_out else ())
 
 
 def serving_ref(record: MapRecord) -> MapRef:

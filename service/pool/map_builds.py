@@ -1,7 +1,7 @@
 """Registrations and rebuilds of map indexes: a few at a time, and never the same rebuild twice at once."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -37,15 +37,14 @@ class MapBuilds:
             async with time_limit(job.time_limit_s, too_long):
                 return await self._build(job)
 
-    async def rebuild(self, maps: Iterable[MapRef]) -> None:
+    async def rebuild(self, maps: Sequence[MapRef]) -> dict[MapRef, Exception]:
         """Wait until the lost indexes of `maps` are built; queries that miss the same one wait for the same build.
 
-        A build goes on when the query that asked for it gives up. Raises what the worker raised.
+        A build goes on when the query that asked for it gives up. Returns what workers raised, for the maps that cannot be built.
         """
         waiting = [asyncio.shield(self._running_rebuild(map_ref)) for map_ref in maps]
-        for reply in await asyncio.gather(*waiting):
-            if reply.failure is not None:
-                raise error_of(reply.failure)
+        replies = zip(maps, await asyncio.gather(*waiting), strict=True)
+        return {map_ref: error_of(reply.failure) for map_ref, reply in replies if reply.failure is not None}
 
     async def cancel(self) -> None:
         """End the rebuilds under way; the next query that misses such an index asks for it again."""

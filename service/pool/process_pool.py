@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.service.errors import NoWorkerError
 from panoloc.service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
-from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome, at_once
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, PoolState, RegisterJob, RegisterOutcome, at_once
 from panoloc.service.pool.admission import Admission
 from panoloc.service.pool.map_builds import MapBuilds, time_limit
 from panoloc.service.pool.messages import Build
@@ -131,13 +131,16 @@ class ProcessPool:
         too_late = DeadlineExceededError("no answer within timeout_s; allow more time, or narrow the search with hints")
         with self.admission.admit(job.kind, remaining_s):
             async with time_limit(max(0.0, remaining_s), too_late):
-                number = next(self._numbers)
-                for _ in range(_MAX_REBUILDS + 1):
+                number, num_rebuilds, left_out = next(self._numbers), 0, dict[MapRef, Exception]()
+                while num_rebuilds <= _MAX_REBUILDS:
                     reply = await self._reply_to(number, job)
                     if not reply.missing:
                         self.admission.note_duration(reply.duration_s, job.kind)
-                        return _outcome(reply)
-                    await self._builds.rebuild(reply.missing)
+                        return _outcome(reply).without_maps(left_out)
+                    failed = await self._builds.rebuild(reply.missing)
+                    num_rebuilds += not failed
+                    left_out |= failed
+                    job = _without(job, failed)
         raise NoWorkerError(f"Redis does not keep the index of {job.maps[0].id}; check its maxmemory")
 
     async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
@@ -234,6 +237,14 @@ class ProcessPool:
 
     async def _build(self, job: Build) -> WorkerReply[Any]:
         return await run_build(self._plan, job)
+
+
+def _without(job: LocalizeJob, failed: Mapping[MapRef, Exception]) -> LocalizeJob:
+    """Return the query without maps whose index cannot be built. Raises why not, where no other is left."""
+    maps = tuple(ref for ref in job.maps if ref not in failed)
+    if not maps:
+        raise next(iter(failed.values()))
+    return replace(job, maps=maps)
 
 
 def _outcome(reply: WorkerReply[Result]) -> Result:

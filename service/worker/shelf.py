@@ -18,7 +18,7 @@ from panoloc.core.map.retrieval_vectors import (
     retrieval_vectors,
 )
 from panoloc.service.cache import WorkerCache
-from panoloc.service.errors import CacheDownError
+from panoloc.service.errors import CacheDownError, MapNotFoundError, StorageError
 from panoloc.service.jobs import MapRef
 from panoloc.service.storage import Storage
 from panoloc.service.worker.map_catalog import registration_of, store_vectors, stored_index, stored_vectors
@@ -109,7 +109,9 @@ class Shelf:
 
     def _loaded(self, ref: MapRef) -> tuple[str, MapIndex | None]:
         """Return where the index came from, and the index; "missing" and None when it has to be built again."""
-        digest = index_config_digest(registration_of(self._storage, ref).options.index)
+        digest = self._digest_of(ref)
+        if digest is None:
+            return "missing", None
         index = self._decoded(ref, self._cache.get_index(ref, digest))
         if index is not None:
             return "redis", index
@@ -120,6 +122,14 @@ class Shelf:
         with contextlib.suppress(CacheDownError):  # a full Redis: the copy is as good
             self._cache.put_index(ref, digest, encoded)
         return "storage", index
+
+    def _digest_of(self, ref: MapRef) -> str | None:
+        """Return the digest of the configuration of an index; None where nobody can say, as whoever builds it again will find out."""
+        try:
+            return index_config_digest(registration_of(self._storage, ref).options.index)
+        except (MapNotFoundError, StorageError) as error:
+            _log.warning("the record of a map cannot be read", extra={"map_id": ref.id, "error": str(error)})
+            return None
 
     def _decoded(self, ref: MapRef, encoded: bytes | None) -> MapIndex | None:
         """Return the index, None when it is missing or cannot be read."""
@@ -140,8 +150,8 @@ class Shelf:
         except IndexFormatError as error:
             _log.warning("retrieval vectors cannot be read", extra={"map_id": ref.id, "error": str(error)})
         # Not into Redis: of most maps nothing but their vectors is asked for.
-        digest = index_config_digest(registration_of(self._storage, ref).options.index)
-        index = self._decoded(ref, stored_index(self._storage, ref, digest))
+        digest = self._digest_of(ref)
+        index = None if digest is None else self._decoded(ref, stored_index(self._storage, ref, digest))
         if index is None:
             return None
         vectors = retrieval_vectors(index)

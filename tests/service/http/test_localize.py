@@ -131,7 +131,9 @@ async def test_where_the_operator_allows_it_a_query_that_names_no_map_searches_a
     ready = [await running.ready_map(), await running.ready_map()]
     running.pool.fail_register = [ScanContentError("no colour")]
     await running.settled((await running.upload()).json()["id"])
-    assert (await running.client.post("/localize", files=[image])).status_code == 200
+    reply = await running.client.post("/localize", files=[image])
+    assert reply.status_code == 200
+    assert "1 of 3 maps are not ready and were not searched" in reply.json()["warnings"]
     assert sorted(ref.id for ref in running.pool.jobs[-1].maps) == sorted(ready)
 
 

@@ -51,6 +51,10 @@ class ScriptedWorker:
 
     def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
         self._note("rebuilt", f"{map_ref.id}-{time.time_ns()}")
+        if map_ref.id.startswith("map_broken"):
+            return WorkerReply(
+                failure=WorkerFailure("StoredFileDamagedError", "its scan is damaged"), worker=self._name
+            )
         if not self._note("rebuild-crashed", map_ref.id) or map_ref.id != "map_crash_once":
             time.sleep(0.2)
             self._index(map_ref).touch()

@@ -13,7 +13,7 @@ import pytest
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
 from panoloc.lab.process_memory import command_of, descendants
-from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
+from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError, StoredFileDamagedError
 from panoloc.service.jobs import LocalizeOutcome
 from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.ray.bridge_pool import bridge_pool
@@ -122,6 +122,15 @@ def test_a_lost_index_is_built_once_for_all_who_wait(running: PoolInThread, map_
         assert each.result(240).answer.status == "localized"
     # One build that ends its process is begun once more.
     assert len(list(running.folder.glob(f"{map_id}-*.rebuilt"))) == (2 if map_id == "map_crash_once" else 1)
+
+
+def test_a_map_that_cannot_be_built_again_is_left_out_where_others_are_searched(running: PoolInThread) -> None:
+    maps = ("map_broken_a", "map_whole", "map_broken_b")
+    answer = running.localize(query("several", maps=maps, needs_index=True)).answer
+    assert answer.status == "localized"
+    assert answer.warnings == [f"{name} was left out: its scan is damaged" for name in maps if "broken" in name]
+    with pytest.raises(StoredFileDamagedError, match="its scan is damaged"):
+        running.localize(query("alone", maps=maps[:1], needs_index=True))
 
 
 def test_queries_are_answered_while_a_map_registers_and_its_process_ends(running: PoolInThread) -> None:

@@ -134,14 +134,15 @@ async def test_a_rebuild_does_not_wait_for_registrations_but_for_other_rebuilds(
     await registering
 
 
-async def test_what_a_rebuild_raised_in_its_worker_is_raised_to_all_who_wait() -> None:
+async def test_what_a_rebuild_raised_in_its_worker_is_told_to_all_who_wait() -> None:
     builds = Builds()
     waiting = [asyncio.create_task(builds.rebuild([MAP])) for _ in range(2)]
     await settled()
     await builds.end(0, WorkerReply(failure=WorkerFailure("KeyError", "a fault")))
-    for each in await asyncio.gather(*waiting, return_exceptions=True):
-        assert isinstance(each, WorkerError)
-        assert "a fault" in str(each)
+    for each in await asyncio.gather(*waiting):
+        assert list(each) == [MAP]
+        assert isinstance(each[MAP], WorkerError)
+        assert "a fault" in str(each[MAP])
 
 
 async def test_a_rebuild_whose_process_dies_is_begun_once_more() -> None:

@@ -289,7 +289,10 @@ def test_a_query_past_its_deadline_is_not_begun(place: Place) -> None:
 
 def test_a_query_that_cannot_be_answered_fails_by_the_name_of_its_error(registered: Place) -> None:
     assert kind_of(registered.worker.localize(query(panorama=b"this is text"))) == "PanoramaFormatError"
-    assert kind_of(registered.worker.localize(query(maps=(MapRef("map_gone", 1),)))) == "MapNotFoundError"
+    # Whoever builds its index again finds out that a map is gone.
+    gone = MapRef("map_gone", 1)
+    assert registered.worker.localize(query(maps=(gone, MAP))).missing == (gone,)
+    assert kind_of(registered.registrar.rebuild(gone)) == "MapNotFoundError"
 
 
 def kind_of(reply: WorkerReply[Any]) -> str | None:
