@@ -69,11 +69,13 @@ class Localizer:
         hints: Hints | None = None,
         top_k: int = 1,
         timeout_s: float | None = None,
+        prior: float = 1.0,
     ) -> Localization:
         """Find where the images of a rig were taken.
 
         maps: at least one index, on this localizer's device. hints narrow the search; the answer never exceeds them.
-        top_k: how many poses to return in all; those after the best one come as alternatives.
+        top_k: how many poses to return in all; those after the best one come as alternatives. prior: how probable it is that the rig is in
+        one of these maps, where there are others.
         Raises OptionsError for options out of range and DeadlineExceededError when `timeout_s` passes.
         """
         if not maps:
@@ -92,7 +94,7 @@ class Localizer:
         if method == "paper":
             result = self._paper.run(cameras.rig, maps, hints, clock)
         with torch.inference_mode():
-            answer = self._answer(result, maps, method, top_k, clock)
+            answer = self._answer(result, maps, method, top_k, clock, prior)
             answer = self._for_rig(answer, cameras.rig, result.comparison)
         answer = self._doubts.unless_plain(answer, result.edges_deg)
         answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
@@ -101,7 +103,13 @@ class Localizer:
         return replace(answer, warnings=(*answer.warnings, *rig.left_out))
 
     def _answer(
-        self, result: MethodResult, maps: Sequence[MapIndex], method: Method, top_k: int, clock: StageClock
+        self,
+        result: MethodResult,
+        maps: Sequence[MapIndex],
+        method: Method,
+        top_k: int,
+        clock: StageClock,
+        prior: float,
     ) -> Localization:
         """Turn hypotheses into an answer with confidence, accuracy and change maps."""
         search = SearchSummary(method, len(maps), result.num_starts, result.num_rotations, result.num_poses)
@@ -113,7 +121,7 @@ class Localizer:
             )
             return Localization("not_localized", search, clock.timings_s, warnings=(warning,))
         with clock.stage("confidence"):
-            judged = verdict(result.hypotheses, self._confidence, result.noise)
+            judged = verdict(result.hypotheses, self._confidence, result.noise, prior)
             places, status = judged.places, judged.status
             together = list(zip(places, judged.confidences, strict=True))[: max(top_k, judged.num_equals)]
             candidates = [_candidate(place, confidence, maps) for place, confidence in together]

@@ -70,8 +70,9 @@ def localize_among(
     maps: at least one. The other parameters and the errors are those of `Localizer.localize`; what `maps` raises is passed on.
     """
     began, few, most = time.monotonic(), localizer.config.search.first_maps, localizer.config.search.most_maps
-    ranked, portions, timings_s = list(range(len(maps))), [len(maps)], {}
-    if len(maps) > few:
+    ranked, portions, timings_s, is_telling = list(range(len(maps))), [len(maps)], dict[str, float](), True
+    # To look for the likeliest takes as long as to search as many again.
+    if len(maps) > 2 * few:
         ranked, is_telling = _likeliest(localizer, rig, maps.vectors(), hints)
         portions = [few, most] if is_telling else [most]
         timings_s["retrieval"] = time.monotonic() - began
@@ -85,7 +86,11 @@ def localize_among(
         indexes = maps.indexes(numbers)
         timings_s["load"] = timings_s.get("load", 0.0) + time.monotonic() - loading
         remaining_s = None if timeout_s is None else timeout_s - (time.monotonic() - began)
-        answer = localizer.localize(rig, indexes, method=method, hints=hints, top_k=top_k, timeout_s=remaining_s)
+        # As often as the map of one photo was among the 64 likeliest of 100 and of 1,000 (docs/scale.md).
+        prior = 1.0 if is_telling else min(1.0, math.sqrt(most / len(maps)))
+        answer = localizer.localize(
+            rig, indexes, method=method, hints=hints, top_k=top_k, timeout_s=remaining_s, prior=prior
+        )
         found = _better(found, _numbered(answer, numbers, len(maps)))
     assert found is not None, "there is at least one map"
     if found.status == "not_localized" and len(maps) > portions[-1]:

@@ -30,8 +30,11 @@ class Verdict:
     num_equals: int = 1
 
 
-def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, noise: Accuracy = NO_NOISE) -> Verdict:
-    """Judge the places of hypotheses, at least one, the best first. noise: what adds to the errors of the pose itself."""
+def verdict(
+    hypotheses: Sequence[Hypothesis], model: ConfidenceModel, noise: Accuracy = NO_NOISE, prior: float = 1.0
+) -> Verdict:
+    """Judge the places of hypotheses, at least one, the best first. noise: what adds to the errors of the pose itself. prior: how probable
+    it is that the right place is in one of the maps that were searched."""
     places = distinct(hypotheses, DISTANCES.place)
     best, *rivals = places
     accuracy = model.accuracy(best, noise)
@@ -39,7 +42,7 @@ def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, noise: Acc
     def confidence_against(some: Sequence[Hypothesis]) -> float:
         """Return how sure the best is if these were its only rivals."""
         most = model.threshold / 2 if best.beyond_limits else accuracy.share_right
-        return min(model.confidence(best, some), most)
+        return prior * min(model.confidence(best, some), most)
 
     alone, against_all = confidence_against([]), confidence_against(rivals)
     if against_all < model.threshold <= alone:

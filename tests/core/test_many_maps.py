@@ -7,14 +7,16 @@ from functools import cache
 import pytest
 
 from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.localizer import Localizer
 from panoloc.core.many_maps import localize_among
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.results import Localization
-from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, map_of, panorama, rig_of
+from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of
+from tests.core.image.painted_photos import SIDEWAYS, photo_of
 from tests.core.painted_box import PaintedBox
 
 UNKNOWN = PaintedBox(seed=8, size_m=(3.4, 5.2, 2.7))
@@ -81,8 +83,28 @@ def test_where_no_likely_map_fits_others_are_searched_and_those_left_out_are_cou
 
 
 @pytest.mark.slow
+def test_what_may_be_in_another_map_is_the_less_sure() -> None:
+    likely, unlikely = (localized(panorama(), prior=prior) for prior in (0.8, 0.25))
+    assert (likely.status, round(best_of(likely).confidence, 2)) == ("localized", 0.8)
+    assert (unlikely.status, round(best_of(unlikely).confidence, 2)) == ("not_localized", 0.25)
+    twice = [localized(panorama(), BOX, BOX, prior=prior).status for prior in (0.8, 0.25)]
+    assert twice == ["ambiguous", "not_localized"]
+
+
+@pytest.mark.slow
+def test_one_photo_among_many_maps_is_not_sure() -> None:
+    photo = Rig.of_photo(photo_of(SIDEWAYS))
+    boxes = Boxes(BOX, OTHER_BOX, UNKNOWN, BOX, BOX)
+    # Both of two maps are the right one, and three times as many were not looked at.
+    found = localize_among(with_limits(1, 2), photo, boxes)
+    assert len(boxes.asked) == 2
+    assert found.status == "not_localized"
+    assert any("only the 2 of 5 maps were searched" in warning for warning in found.warnings)
+
+
+@pytest.mark.slow
 def test_a_place_registered_twice_is_ambiguous_among_many_maps() -> None:
-    boxes = Boxes(BOX, OTHER_BOX, UNKNOWN, BOX)
+    boxes = Boxes(BOX, OTHER_BOX, UNKNOWN, BOX, OTHER_BOX)
     found = among(boxes, panorama(), 2, 4)
     assert found.status == "ambiguous"
     assert set(boxes.asked) == {0, 3}

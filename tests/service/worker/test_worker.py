@@ -187,7 +187,7 @@ def test_a_query_takes_the_index_from_redis_once_and_keeps_it(registered: Place)
 def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
     place: Place, encoded: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
-    maps = tuple(MapRef(f"map_{number}", 1) for number in range(10))
+    maps = tuple(MapRef(f"map_{number}", 1) for number in range(20))
     digest = index_config_digest(OPTIONS.index)
     for each in maps:
         write_record(place.storage, replace(read_record(place.storage, MAP.id), id=each.id))
@@ -196,10 +196,10 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
     assert (first.failure, first.index_loads) == (None, {"storage": 8})
     assert (second.failure, second.index_loads) == (None, {"resident": 8})
     assert first.outcome is not None
-    assert first.outcome.answer.search["num_maps"] == 10
+    assert first.outcome.answer.search["num_maps"] == 20
     assert first.outcome.answer.map_id in {each.id for each in maps}
     stored = sorted(place.folder.rglob("retrieval-*.npz"))
-    assert len(stored) == 10
+    assert len(stored) == 20
     # Those that cannot be read are made again.
     key = key_of(maps[3], stored[3].name)
     before = place.storage.read(key)
@@ -211,7 +211,7 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
 
 
 def test_maps_of_many_whose_index_is_missing_are_named(place: Place) -> None:
-    maps = (MAP, *(MapRef(f"map_{number}", 1) for number in range(9)))
+    maps = (MAP, *(MapRef(f"map_{number}", 1) for number in range(19)))
     for each in maps[1:]:
         write_record(place.storage, replace(read_record(place.storage, MAP.id), id=each.id))
     assert place.worker.localize(query(maps=maps)).missing == maps
