@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -70,12 +71,12 @@ def localize_among(
     maps: at least one. The other parameters and the errors are those of `Localizer.localize`; what `maps` raises is passed on.
     """
     began, few, most = time.monotonic(), localizer.config.search.first_maps, localizer.config.search.most_maps
-    ranked, portions, timings_s, is_telling = list(range(len(maps))), [len(maps)], dict[str, float](), True
+    ranked, portions, timings_s, is_telling = list(range(len(maps))), [len(maps)], defaultdict[str, float](float), True
     # To look for the likeliest takes as long as to search as many again.
     if len(maps) > 2 * few:
         ranked, is_telling = _likeliest(localizer, rig, maps.vectors(), hints)
         portions = [few, most] if is_telling else [most]
-        timings_s["retrieval"] = time.monotonic() - began
+        timings_s["retrieval"] += time.monotonic() - began
     found: Localization | None = None
     for first, last in pairwise([0, *portions]):
         if found is not None and _is_sure(found, localizer.config.judge.sure):
@@ -84,18 +85,20 @@ def localize_among(
         numbers = [*ranked[first:last], *(() if found is None else _places(found))]
         loading = time.monotonic()
         indexes = maps.indexes(numbers)
-        timings_s["load"] = timings_s.get("load", 0.0) + time.monotonic() - loading
+        timings_s["load"] += time.monotonic() - loading
         remaining_s = None if timeout_s is None else timeout_s - (time.monotonic() - began)
         # As often as the map of one photo was among the 64 likeliest of 100 and of 1,000 (docs/scale.md).
         prior = 1.0 if is_telling else min(1.0, math.sqrt(most / len(maps)))
         answer = localizer.localize(
             rig, indexes, method=method, hints=hints, top_k=top_k, timeout_s=remaining_s, prior=prior
         )
+        for stage, seconds in answer.timings_s.items():
+            timings_s[stage] += seconds
         found = _better(found, _numbered(answer, numbers, len(maps)))
     assert found is not None, "there is at least one map"
     if found.status == "not_localized" and len(maps) > portions[-1]:
         found = replace(found, warnings=(*found.warnings, _left_out(portions[-1], len(maps))))
-    return replace(found, timings_s={**timings_s, **found.timings_s})
+    return replace(found, timings_s=dict(timings_s))
 
 
 def _likeliest(
