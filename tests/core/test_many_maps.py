@@ -13,7 +13,8 @@ from panoloc.core.localizer import Localizer
 from panoloc.core.many_maps import localize_among
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
-from panoloc.core.results import Localization
+from panoloc.core.options import Status
+from panoloc.core.results import Candidate, Localization, SearchSummary
 from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of
 from tests.core.image.painted_photos import SIDEWAYS, photo_of
@@ -100,6 +101,35 @@ def test_one_photo_among_many_maps_is_not_sure() -> None:
     assert len(boxes.asked) == 2
     assert found.status == "not_localized"
     assert any("only the 2 of 5 maps were searched" in warning for warning in found.warnings)
+
+
+class Scripted(Localizer):
+    """Answers with the confidences that are given, each in the first of the maps that it is asked for, or in the last."""
+
+    def __init__(self, *answers: tuple[float, int]) -> None:
+        super().__init__(with_limits(1, 3).config, "cpu")
+        self._answers = list(answers)
+
+    def localize(self, rig: Rig, maps: Sequence[MapIndex], **options: object) -> Localization:
+        confidence, place = self._answers.pop(0)
+        best = Candidate(POSE, place % len(maps), confidence, 1.0, 0.1, "none", 1)
+        status: Status = "localized" if confidence > 0.75 else "not_localized"
+        return Localization(status, SearchSummary("fast", len(maps), 1, 1, 1), {"search": 0.5}, best)
+
+
+@pytest.mark.parametrize(
+    ("answers", "confidence", "number"),
+    [
+        ([(0.9, 0)], 0.9, 2),  # sure: nothing else is searched
+        ([(0.6, 0), (0.95, 0)], 0.95, 1),
+        ([(0.6, 0), (0.3, 0)], 0.6, 2),  # the later answer does not know of the place of the first
+        ([(0.6, 0), (0.3, -1)], 0.3, 2),  # it does, and something there spoke against it
+    ],
+)
+def test_of_two_answers_the_better_one_counts(answers: list[tuple[float, int]], confidence: float, number: int) -> None:
+    found = localize_among(Scripted(*answers), rig_of(panorama()), Boxes(OTHER_BOX, UNKNOWN, BOX))
+    assert (best_of(found).confidence, best_of(found).map_position) == (confidence, number)
+    assert found.timings_s["search"] == 0.5 * len(answers)
 
 
 @pytest.mark.slow

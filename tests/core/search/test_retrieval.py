@@ -48,9 +48,9 @@ def test_the_map_of_what_a_panorama_shows_comes_first_however_it_is_turned(
 
 def test_where_walls_stand_in_a_scan_changes_nothing() -> None:
     own = turned = retrieval_vectors(map_of(BOX))
-    # The views of a scan that is turned by two columns of patches of 22.5 degrees are shifted by these.
-    turn = rotation_from_vector(torch.tensor([0.0, 0.0, torch.pi / 4]))
-    steps = turned.steps.view(len(turned), 8, 16, -1).roll(-2, 2).flatten(1)
+    # The views of a scan that is turned by a column of patches of 22.5 degrees are shifted by one.
+    turn = rotation_from_vector(torch.tensor([0.0, 0.0, torch.pi / 8]))
+    steps = turned.steps.view(len(turned), 8, 16, -1).roll(-1, 2).flatten(1)
     turned = RetrievalVectors(steps.contiguous(), turned.scale, turned.axes @ turn.T)
     before, after = scores(POSE, own, turned)
     assert before == pytest.approx(after, rel=0.02)
