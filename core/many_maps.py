@@ -15,7 +15,7 @@ from panoloc.core.camera.rig import Rig
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
-from panoloc.core.options import DEFAULT_TILT_DEG, MAX_SESSION_TILT_DEG, Hints, Method
+from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints, Method
 from panoloc.core.query.prepared_rig import PreparedRig
 from panoloc.core.results import Candidate, Localization
 from panoloc.core.search.retrieval import scores_of_maps
@@ -35,7 +35,7 @@ class MapShelf(Protocol):
 
 
 class LoadedMaps:
-    """Maps that are in memory."""
+    """A `MapShelf` of maps that are all in memory."""
 
     def __init__(self, indexes: Sequence[MapIndex]) -> None:
         self._indexes = indexes
@@ -117,11 +117,10 @@ def _likeliest(
 
 def _most_tilt(rig: Rig, hints: Hints | None, is_wide: bool, level_tilt_deg: float) -> float | None:
     """Return how far a rig may be tilted, radians; None for any. Cameras that see little are looked for level, as people hold them."""
-    tilts = [] if is_wide else [level_tilt_deg]
-    if rig.options.up_known:
-        tilts.append(MAX_SESSION_TILT_DEG)
-    if hints is not None and (hints.upright or hints.max_tilt_deg is not None):
-        tilts.append(DEFAULT_TILT_DEG if hints.max_tilt_deg is None else hints.max_tilt_deg)
+    held = None if is_wide else level_tilt_deg
+    known = MAX_SESSION_TILT_DEG if rig.options.up_known else None
+    hinted = None if hints is None else hints.most_tilt_deg
+    tilts = [tilt for tilt in (held, known, hinted) if tilt is not None]
     return math.radians(min(tilts)) if tilts else None
 
 
@@ -129,6 +128,7 @@ def _numbered(found: Localization, numbers: Sequence[int], num_maps: int) -> Loc
     """Return an answer about some of the maps, with their numbers among all."""
 
     def of_all(candidate: Candidate) -> Candidate:
+        """Return a candidate with the number of its map among all."""
         return replace(candidate, map_position=numbers[candidate.map_position])
 
     best = None if found.best is None else of_all(found.best)

@@ -140,6 +140,13 @@ class Hints:
     heading_deg: float | None = None
     heading_tolerance_deg: float | None = None
 
+    @property
+    def most_tilt_deg(self) -> float | None:
+        """Return how far the camera may be tilted, degrees; None for any."""
+        if self.max_tilt_deg is not None:
+            return self.max_tilt_deg
+        return DEFAULT_TILT_DEG if self.upright else None
+
 
 @dataclass(frozen=True)
 class TrackedPose:

@@ -9,7 +9,7 @@ from torch import Tensor
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAULT_TILT_DEG, Hints
+from panoloc.core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, Hints
 
 _NOTICEABLE = math.radians(0.5)  # less is within what refinement is off by
 _INSIDE = 1e-4  # radians; what is turned back to a limit must lie within it whatever is rounded
@@ -136,7 +136,7 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
         return (torch.tensor(point, dtype=torch.float64) - offset).float()
 
     _check(hints)
-    tilt = hints.max_tilt_deg if hints.max_tilt_deg is not None else (DEFAULT_TILT_DEG if hints.upright else None)
+    tilt = hints.most_tilt_deg
     tolerance = (
         hints.heading_tolerance_deg if hints.heading_tolerance_deg is not None else DEFAULT_HEADING_TOLERANCE_DEG
     )

@@ -1,6 +1,7 @@
 """What `panoloc evaluate campus` does once its options are known; imports the algorithm."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from json import dumps
 from pathlib import Path
 
@@ -15,7 +16,6 @@ from panoloc.lab.evaluation.campus import (
     campus_rows,
     campus_summary,
     read_vectors,
-    row_document,
 )
 from panoloc.service.cli.session import Session
 
@@ -36,7 +36,7 @@ def run_campus(
         rows = list(campus_rows(campus, vectors, queries, localizer))
         figures.append(campus_summary(campus, vectors, rows))
         name = f"rows-{num_maps}-{camera or 'panorama'}.jsonl"
-        (out / name).write_text("".join(dumps(row_document(row)) + "\n" for row in rows), encoding="utf-8")
+        (out / name).write_text("".join(dumps(asdict(row)) + "\n" for row in rows), encoding="utf-8")
     if session.json_output:
         session.print_json({"campus": figures})
     else:

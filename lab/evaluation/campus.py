@@ -6,7 +6,7 @@ Nothing is kept in memory but retrieval vectors: every map that is searched is r
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median, quantiles
 
@@ -26,7 +26,7 @@ from panoloc.core.map.retrieval_vectors import (
 from panoloc.core.options import Hints, Status
 from panoloc.lab.evaluation.rows import RIGHT
 from panoloc.lab.rooms.capture.scanning import scan_with_truth
-from panoloc.lab.rooms.scenes.generator import SceneSpec, build_scene
+from panoloc.lab.rooms.scenes.generator import SceneKind, SceneSpec, build_scene
 from panoloc.lab.rooms.suites import suite_cases
 
 _FIRST_SEED = 20_000
@@ -54,7 +54,7 @@ class Campus:
         twin = number + self.num_places
         return twin if twin < self.num_maps else None
 
-    def kind_of(self, number: int) -> str:
+    def kind_of(self, number: int) -> SceneKind:
         """Return what a map is of, "room" or "flat"."""
         return "flat" if number % self.num_places % _FLAT_EVERY == _FLAT_EVERY - 1 else "room"
 
@@ -68,8 +68,8 @@ class Campus:
         if index_path.exists() and vectors_path.exists():
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        spec = SceneSpec("flat" if self.kind_of(number) == "flat" else "room", self.seed_of(number))
-        scan = scan_with_truth(build_scene(spec), num_points=_POINTS, seed=number)
+        scene = build_scene(SceneSpec(self.kind_of(number), self.seed_of(number)))
+        scan = scan_with_truth(scene, num_points=_POINTS, seed=number)
         index = build_map_index(scan.cloud)
         index_path.write_bytes(encode_map_index(index))
         vectors_path.write_bytes(encode_retrieval_vectors(retrieval_vectors(index)))
@@ -183,8 +183,3 @@ def campus_summary(
 def _share(flags: Iterator[bool]) -> float:
     counted = list(flags)
     return round(sum(counted) / len(counted), 3)
-
-
-def row_document(row: CampusRow) -> dict[str, object]:
-    """Return a row for JSON."""
-    return asdict(row)
