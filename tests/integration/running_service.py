@@ -1,6 +1,8 @@
 """The service as its users run it: a process, spoken to over HTTP."""
 
+import contextlib
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -20,10 +22,12 @@ _WAITING = "panoloc_queue_depth "
 
 
 def free_port() -> int:
-    """Return a port that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a port that nobody listens on now, and that the system gives to no connection before it is taken."""
+    while True:
+        port = random.randrange(15_000, 32_000)  # below those that connections get
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 def is_running(pid: int) -> bool:
