@@ -59,8 +59,7 @@ def check_map(outcome: Outcome, service: RunningService, map_id: str) -> None:
 def replica_kills(times: int, num_clients: int = 4) -> Outcome:
     """Kill one of three HTTP processes again and again; each is started anew before the next."""
     outcome = Outcome(f"kill one of {_REPLICAS} API replicas under {num_clients} clients")
-    redis = RealRedis()
-    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+    with RealRedis() as redis, tempfile.TemporaryDirectory(prefix="pl-") as folder:
         data, settings = Path(folder) / "data", {"shared": "true", "redis_url": redis.url}
         replicas: list[RunningService] = []
         try:
@@ -97,7 +96,6 @@ def replica_kills(times: int, num_clients: int = 4) -> Outcome:
         finally:
             for replica in replicas:
                 replica.kill()
-            redis.kill()
     return outcome
 
 
@@ -124,8 +122,7 @@ def service_kills(times: int, num_clients: int = 4) -> Outcome:
 def node_killed(num_queries: int = 200, num_clients: int = 4) -> Outcome:
     """Kill one of two nodes after half of the queries; any answer but 200 is a fault."""
     outcome = Outcome(f"kill one of two nodes during {num_queries} queries of {num_clients} clients")
-    redis = RealRedis()
-    with tempfile.TemporaryDirectory(prefix="pl-") as folder, RayClusterOfOthers(1) as cluster:
+    with RealRedis() as redis, tempfile.TemporaryDirectory(prefix="pl-") as folder, RayClusterOfOthers(1) as cluster:
         settings = {"shared": "true", "redis_url": redis.url, "ray_address": cluster.address}
         data = Path(folder) / "data"
         start_workers(cluster.address, data, redis.url)
@@ -154,7 +151,6 @@ def node_killed(num_queries: int = 200, num_clients: int = 4) -> Outcome:
         finally:
             for replica in replicas:
                 replica.kill()
-            redis.kill()
     outcome.cases, outcome.seconds = len(answers.status), time.monotonic() - began
     tell(outcome, answers)
     outcome.figures["longest answer"] = f"{max(answers.seconds):.1f} s"

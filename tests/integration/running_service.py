@@ -22,9 +22,9 @@ _WAITING = "panoloc_queue_depth "
 
 
 def free_port() -> int:
-    """Return a port that nobody listens on now, and that the system gives to no connection before it is taken."""
+    """Return a port that nobody listens on now, below those of connections and above those of Ray's workers."""
     while True:
-        port = random.randrange(15_000, 32_000)  # below those that connections get
+        port = random.randrange(20_000, 32_000)
         with socket.socket() as probe, contextlib.suppress(OSError):
             probe.bind(("127.0.0.1", port))
             return port

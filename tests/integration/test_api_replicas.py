@@ -27,9 +27,8 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def replicas() -> Iterator[tuple[RunningService, RunningService]]:
-    server = RealRedis()
-    bucket = BucketServer()
-    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+    with RealRedis() as server, tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        bucket = BucketServer()
         settings = {"shared": "true", "redis_url": server.url, "storage": f"s3://{BUCKET}/panoloc"}
         first, second = (RunningService(Path(folder) / name, bucket.variables, **settings) for name in ("one", "two"))
         try:
@@ -39,7 +38,6 @@ def replicas() -> Iterator[tuple[RunningService, RunningService]]:
         finally:
             for replica in (first, second):
                 replica.stop()
-            server.kill()
             bucket.stop()
 
 

@@ -52,8 +52,7 @@ class Site:
 
 @pytest.fixture(scope="module")
 def site() -> Iterator[Site]:
-    redis = RealRedis()
-    with tempfile.TemporaryDirectory(prefix="pl-") as folder, RayClusterOfOthers(1) as cluster:
+    with RealRedis() as redis, tempfile.TemporaryDirectory(prefix="pl-") as folder, RayClusterOfOthers(1) as cluster:
         data = Path(folder) / "data"
         start_workers(cluster.address, data, redis.url)
         settings = {"shared": "true", "redis_url": redis.url, "ray_address": cluster.address}
@@ -65,7 +64,6 @@ def site() -> Iterator[Site]:
         finally:
             for replica in site.replicas:
                 replica.kill()
-            redis.kill()
 
 
 def test_both_use_the_same_two_workers_and_see_the_same_maps(site: Site) -> None:
@@ -106,16 +104,13 @@ def test_a_node_killed_under_queries_and_a_registration_costs_neither(site: Site
 
 
 def test_a_replica_with_another_redis_than_the_workers_says_so_and_takes_no_query(site: Site) -> None:
-    other = RealRedis()
-    replica = RunningService(
-        site.data, shared="true", redis_url=other.url, ray_address=site.cluster.address
-    )  # fmt: skip
-    try:
-        assert eventually(lambda: "PANOLOC_REDIS_URL" in replica.log, TIMEOUT_S)
-        assert replica.status("/health/ready") == 503
-    finally:
-        replica.kill()
-        other.kill()
+    with RealRedis() as other:
+        replica = RunningService(site.data, shared="true", redis_url=other.url, ray_address=site.cluster.address)
+        try:
+            assert eventually(lambda: "PANOLOC_REDIS_URL" in replica.log, TIMEOUT_S)
+            assert replica.status("/health/ready") == 503
+        finally:
+            replica.kill()
 
 
 def test_a_head_that_is_killed_is_missed_and_its_successor_is_used_without_a_restart(site: Site) -> None:

@@ -18,9 +18,8 @@ def own_redis() -> Iterator[RealRedis | None]:
     if shutil.which("redis-server") is None:
         yield None
         return
-    server = RealRedis()
-    yield server
-    server.kill()
+    with RealRedis() as server:
+        yield server
 
 
 @pytest.fixture(scope="package")
