@@ -12,6 +12,7 @@ from typing import Protocol
 import torch
 
 from panoloc.core.camera.rig import Rig
+from panoloc.core.image.photo_window import shown_share
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
@@ -65,18 +66,23 @@ def localize_among(
     hints: Hints | None = None,
     top_k: int = 1,
     timeout_s: float | None = None,
+    num_maps: int | None = None,
 ) -> Localization:
     """Find where the images of a rig were taken, and in which of many maps.
 
-    maps: at least one. The other parameters and the errors are those of `Localizer.localize`; what `maps` raises is passed on.
+    maps: at least one. num_maps: where they are the likeliest of so many, best first. The other parameters and the errors are those of `Localizer.localize`; what `maps` raises is passed on.
     """
     began, few, most = time.monotonic(), localizer.config.search.first_maps, localizer.config.search.most_maps
-    ranked, portions, timings_s, is_telling = list(range(len(maps))), [len(maps)], defaultdict[str, float](float), True
+    ranked, portions, timings_s = list(range(len(maps))), [len(maps)], defaultdict[str, float](float)
+    total, is_telling = num_maps or len(maps), True
     # To look for the likeliest takes as long as to search as many again.
-    if len(maps) > 2 * few:
-        ranked, is_telling = _likeliest(localizer, rig, maps.vectors(), hints)
+    if total > 2 * few:
+        if num_maps is None:
+            scores = torch.tensor(scores_among(localizer, rig, maps.vectors(), hints))
+            ranked = scores.argsort(descending=True, stable=True).tolist()
+            timings_s["retrieval"] += time.monotonic() - began
+        is_telling = shown_share(rig) >= localizer.config.judge.narrow_share
         portions = [few, most] if is_telling else [most]
-        timings_s["retrieval"] += time.monotonic() - began
     found: Localization | None = None
     for first, last in pairwise([0, *portions]):
         if found is not None and _is_sure(found, localizer.config.judge.sure):
@@ -88,31 +94,30 @@ def localize_among(
         timings_s["load"] += time.monotonic() - loading
         remaining_s = None if timeout_s is None else timeout_s - (time.monotonic() - began)
         # As often as the map of one photo was among the 64 likeliest of 100 and of 1,000 (docs/scale.md).
-        prior = 1.0 if is_telling else min(1.0, math.sqrt(most / len(maps)))
+        prior = 1.0 if is_telling else min(1.0, math.sqrt(most / total))
         answer = localizer.localize(
             rig, indexes, method=method, hints=hints, top_k=top_k, timeout_s=remaining_s, prior=prior
         )
         for stage, seconds in answer.timings_s.items():
             timings_s[stage] += seconds
-        found = _better(found, _numbered(answer, numbers, len(maps)))
+        found = _better(found, _numbered(answer, numbers, total))
     assert found is not None, "there is at least one map"
-    if found.status == "not_localized" and len(maps) > portions[-1]:
-        found = replace(found, warnings=(*found.warnings, _left_out(portions[-1], len(maps))))
+    if found.status == "not_localized" and total > portions[-1]:
+        found = replace(found, warnings=(*found.warnings, _left_out(portions[-1], total)))
     return replace(found, timings_s=dict(timings_s))
 
 
-def _likeliest(
+def scores_among(
     localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors], hints: Hints | None
-) -> tuple[list[int], bool]:
-    """Return the numbers of the maps, those first that show most of what a rig shows, and whether it shows enough to trust that."""
+) -> list[float]:
+    """Return for each map how much its starts show of what a rig shows; comparable between any maps."""
     config = localizer.config
     with torch.inference_mode():
         prepared = PreparedRig(rig, None, localizer.device, config)
         contrast = prepared.lines.contrast(config.search.line_rotations)
         lines = prepared.lines if contrast >= config.lines.least_contrast else None
         tilt = _most_tilt(rig, hints, prepared.is_wide, config.search.level_tilt_deg)
-        scores = scores_of_maps(prepared.described, lines, maps, tilt, config.search)
-        return scores.argsort(descending=True, stable=True).tolist(), prepared.share >= config.judge.narrow_share
+        return scores_of_maps(prepared.described, lines, maps, tilt, config.search).tolist()
 
 
 def _most_tilt(rig: Rig, hints: Hints | None, is_wide: bool, level_tilt_deg: float) -> float | None:

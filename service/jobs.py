@@ -89,7 +89,8 @@ class LocalizeJob:
 
     images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
     for the answer after it. georeferences: by map id, of the maps that have one, as `panoloc.core.earth.geopose.geopose_of`
-    takes it.
+    takes it. share: the name of a part of the maps of a query, of which only the scores are asked for. num_maps: where the maps are the
+    likeliest of so many, best first.
     """
 
     localization_id: str
@@ -99,6 +100,8 @@ class LocalizeJob:
     options: QueryOptions
     deadline_unix_s: float
     georeferences: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    share: str | None = None
+    num_maps: int | None = None
 
     @property
     def kind(self) -> str:

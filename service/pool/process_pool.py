@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from panoloc.core.config import SearchConfig
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.service.errors import NoWorkerError
 from panoloc.service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
@@ -17,6 +18,7 @@ from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, PoolState
 from panoloc.service.pool.admission import Admission
 from panoloc.service.pool.map_builds import MapBuilds, time_limit
 from panoloc.service.pool.messages import Build
+from panoloc.service.pool.shares import shares_of
 from panoloc.service.pool.worker_process import Work, WorkerLostError, WorkerProcess, run_build
 from panoloc.service.settings import Settings
 from panoloc.service.worker.plan import WorkerPlan
@@ -26,6 +28,7 @@ _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 _MAX_ATTEMPTS, _MAX_REBUILDS = 4, 2
+_MOST_SEARCHED = SearchConfig().most_maps  # of the maps of a query
 _WATCH_PERIOD_S = 1.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
 _DRAIN_POLL_S = 0.05
@@ -131,16 +134,43 @@ class ProcessPool:
         too_late = DeadlineExceededError("no answer within timeout_s; allow more time, or narrow the search with hints")
         with self.admission.admit(job.kind, remaining_s):
             async with time_limit(max(0.0, remaining_s), too_late):
-                number, num_rebuilds, left_out = next(self._numbers), 0, dict[MapRef, Exception]()
-                while num_rebuilds <= _MAX_REBUILDS:
-                    reply = await self._reply_to(number, job)
-                    if not reply.missing:
-                        self.admission.note_duration(reply.duration_s, job.kind)
-                        return _outcome(reply).without_maps(left_out)
-                    failed = await self._builds.rebuild(reply.missing)
-                    num_rebuilds += not failed
-                    left_out |= failed
-                    job = _without(job, failed)
+                left_out: dict[MapRef, Exception] = {}
+                if self._num_workers > 1 and len(job.maps) > _MOST_SEARCHED:
+                    job = await self._likeliest(job, left_out)
+                if job.maps:
+                    job, reply = await self._with_indexes(job, left_out)
+                if not job.maps:
+                    raise next(iter(left_out.values()))
+                self.admission.note_duration(reply.duration_s, job.kind)
+                return _outcome(reply).without_maps(left_out)
+
+    async def _likeliest(self, job: LocalizeJob, left_out: dict[MapRef, Exception]) -> LocalizeJob:
+        """Return the query with those of its maps alone that may be searched, best first: each worker scores a share of all."""
+        parts = shares_of(job.maps, self._num_workers)
+        asked = [replace(job, maps=maps, share=f"share {number}") for number, maps in parts.items()]
+        scored: list[tuple[float, MapRef]] = []
+        for share, reply in await asyncio.gather(*(self._with_indexes(each, left_out) for each in asked)):
+            _require_success(reply)
+            scored += zip(reply.scores, share.maps, strict=True)
+        scored.sort(key=lambda pair: -pair[0])
+        return replace(job, maps=tuple(ref for _, ref in scored[:_MOST_SEARCHED]), num_maps=len(scored))
+
+    async def _with_indexes(
+        self, job: LocalizeJob, left_out: dict[MapRef, Exception]
+    ) -> tuple[LocalizeJob, WorkerReply[LocalizeOutcome]]:
+        """Return the reply to a query once no index is missing, and the query without the maps whose index cannot be built, which are added
+        to `left_out` with what was raised."""
+        number, num_rebuilds = next(self._numbers), 0
+        while num_rebuilds <= _MAX_REBUILDS:
+            reply = await self._reply_to(number, job)
+            if not reply.missing:
+                return job, reply
+            failed = await self._builds.rebuild(reply.missing)
+            num_rebuilds += not failed
+            left_out |= failed
+            job = replace(job, maps=tuple(ref for ref in job.maps if ref not in failed))
+            if not job.maps:
+                return job, reply
         raise NoWorkerError(f"Redis does not keep the index of {job.maps[0].id}; check its maxmemory")
 
     async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
@@ -239,18 +269,15 @@ class ProcessPool:
         return await run_build(self._plan, job)
 
 
-def _without(job: LocalizeJob, failed: Mapping[MapRef, Exception]) -> LocalizeJob:
-    """Return the query without maps whose index cannot be built. Raises why not, where no other is left."""
-    maps = tuple(ref for ref in job.maps if ref not in failed)
-    if not maps:
-        raise next(iter(failed.values()))
-    return replace(job, maps=maps)
-
-
 def _outcome(reply: WorkerReply[Result]) -> Result:
+    _require_success(reply)
+    assert reply.outcome is not None
+    return reply.outcome
+
+
+def _require_success(reply: WorkerReply[Any]) -> None:
+    """Raise what the worker raised."""
     if reply.failure is not None:
         if reply.failure.traceback:
             _log.error("a worker failed unexpectedly", extra={"origin": reply.failure.traceback})
         raise error_of(reply.failure)
-    assert reply.outcome is not None
-    return reply.outcome

@@ -50,8 +50,8 @@ class Bridge:
 
     async def _answer(self, request: Request) -> None:
         if isinstance(request.job, LocalizeJob):
-            maps = ",".join(f"{ref.id}:{ref.revision}" for ref in request.job.maps)
-            # The router prefers a worker that has these maps in memory.
+            # The router prefers a worker that has these maps in memory, or this share of them.
+            maps = request.job.share or ",".join(f"{ref.id}:{ref.revision}" for ref in request.job.maps)
             response = self._localizer.options(multiplexed_model_id=maps).localize.remote(request.job)
         else:
             response = self._builder.build.remote(request.job)

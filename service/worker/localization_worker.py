@@ -14,7 +14,7 @@ from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_s
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.kernels.library import use_threads
 from panoloc.core.localizer import Localizer
-from panoloc.core.many_maps import localize_among
+from panoloc.core.many_maps import localize_among, scores_among
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization
 from panoloc.service.cache import WorkerCache
@@ -41,13 +41,14 @@ class LocalizationWorker:
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
-        """Answer one query, or name the indexes that have to be built again first."""
+        """Answer one query, or score the maps of a share of it, or name the indexes that have to be built again first."""
         began = time.monotonic()
         query = _RunningQuery(job, QueryMaps(self._shelf, job.maps), self._localizer, self._settings)
         outcome, failure = guarded(query.answer)
         return WorkerReply(
             outcome=outcome,
             failure=failure,
+            scores=query.scores,
             missing=query.missing,
             worker=self._name,
             duration_s=time.monotonic() - began,
@@ -66,12 +67,17 @@ class _RunningQuery:
         self._settings = settings
         self._timings_s: dict[str, float] = {}
         self.missing: tuple[MapRef, ...] = ()
+        self.scores: tuple[float, ...] = ()
 
     def answer(self) -> LocalizeOutcome | None:
-        """Return the outcome, None when an index is missing. Raises errors of `core`."""
+        """Return the outcome; None when an index is missing, or only scores are asked for. Raises errors of `core`."""
         self._remaining_s()
         query = self._timed("decode", self._query)
         try:
+            if self._job.share is not None:
+                vectors = self.maps.vectors()
+                self.scores = tuple(scores_among(self._localizer, query, vectors, self._job.options.hints))
+                return None
             localization = self._localized(query)
         except MissingIndexError as error:
             self.missing = error.refs
@@ -93,6 +99,7 @@ class _RunningQuery:
             hints=options.hints,
             top_k=options.top_k,
             timeout_s=self._remaining_s(),
+            num_maps=self._job.num_maps,
         )
 
     def _query(self) -> Rig:

@@ -29,13 +29,14 @@ class WorkerFailure:
 
 @dataclass(frozen=True)
 class WorkerReply(Generic[Outcome]):
-    """An outcome, a failure, or the maps whose index has to be built again; and figures about the worker.
+    """An outcome, a failure, the scores of a share of maps, or the maps whose index has to be built again; and figures about the worker.
 
     index_loads: how often an index was "resident", came from "redis" or "storage" or was "missing" for this job.
     """
 
     outcome: Outcome | None = None
     failure: WorkerFailure | None = None
+    scores: tuple[float, ...] = ()
     missing: tuple[MapRef, ...] = ()
     worker: str = ""
     duration_s: float = 0.0

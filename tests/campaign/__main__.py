@@ -21,7 +21,7 @@ def main(arguments: list[str]) -> int:
         "parts",
         nargs="*",
         help="scans, images, requests; kills of: worker, redis, replica (of the API, behind a proxy), service; soak;\n"
-        "node: of a Ray cluster, killed during 200 queries;\n"
+        "node: of a Ray cluster, killed during 200 queries; campus: one of three, during 50 queries over 300 maps;\n"
         "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers; all",
     )
     parser.add_argument(
@@ -49,7 +49,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
     # Torch takes seconds to import, for which `--help` need not wait.
     from tests.campaign.hostile_files import hostile_images, hostile_scans
     from tests.campaign.hostile_requests import hostile_requests
-    from tests.campaign.kills import node_killed, process_kills, replica_kills, service_kills
+    from tests.campaign.kills import node_killed, node_of_campus_killed, process_kills, replica_kills, service_kills
     from tests.campaign.overload import impatient, newcomers
     from tests.campaign.running import soak
 
@@ -62,6 +62,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "replica": partial(replica_kills, given.kills),
         "service": partial(service_kills, given.kills),
         "node": node_killed,
+        "campus": node_of_campus_killed,
         "overload": partial(impatient, given.overload_s),
         "crowd": partial(newcomers, given.overload_s),
         "soak": partial(soak, given.soak_s),

@@ -1,5 +1,7 @@
 """Kills under clients: of a worker or Redis, an API replica behind the proxy, a whole service, a node of a cluster."""
 
+import itertools
+import json
 import os
 import signal
 import tempfile
@@ -9,10 +11,17 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
+
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.lab.process_memory import command_of
+from panoloc.lab.rooms import SceneSpec, build_scene, scan_scene
+from panoloc.lab.rooms.suites import suite_cases
 from tests.campaign.clients import Answers, Clients, Reader
 from tests.campaign.outcome import Outcome, quantile
 from tests.campaign.running import MAX_WAIT_S, ready_service, tell
+from tests.core.image.picture_files import encoded
 from tests.integration.proxy import proxy_before
 from tests.integration.ray_cluster import RayClusterOfOthers, start_workers
 from tests.integration.real_redis import RealRedis
@@ -22,6 +31,7 @@ from tests.integration.small_room import OPTIONS, small_room
 # What comes back by itself.
 KILLED = {"worker": "panoloc.service.pool.child", "redis": "redis.sock"}
 _REPLICAS = 3
+_CAMPUS_SEED = 30_000  # of the first room
 _READ_S = 2.0  # after a kill, in which a map is read again and again
 
 
@@ -132,29 +142,90 @@ def node_killed(num_queries: int = 200, num_clients: int = 4) -> Outcome:
                 replica.wait_until_ready(MAX_WAIT_S)
             map_id = replicas[0].register(small_room().scan, OPTIONS)
             assert eventually(lambda: all(each.map(map_id).get("status") == "ready" for each in replicas), MAX_WAIT_S)
-            began, answers, lock = time.monotonic(), Answers(), threading.Lock()
 
-            def ask(number: int) -> None:
-                asked = time.monotonic()
+            def ask(number: int) -> tuple[int, bool]:
                 reply = replicas[number % 2].localize(small_room().panorama, map_id)
                 is_right = reply.status_code == 200 and small_room().error_of(reply.json()).within(0.05, 5)
-                with lock:
-                    answers.at.append(time.monotonic())
-                    answers.status.append(reply.status_code)
-                    answers.seconds.append(time.monotonic() - asked)
-                    answers.wrong += reply.status_code == 200 and not is_right
-                    if len(answers.status) == num_queries // 2:
-                        cluster.kill(1)
+                return reply.status_code, is_right
 
-            with ThreadPoolExecutor(num_clients) as clients:
-                list(clients.map(ask, range(num_queries)))
+            _asked_while_one_dies(outcome, ask, num_queries, num_clients, lambda: cluster.kill(1))
         finally:
             for replica in replicas:
                 replica.kill()
+    return outcome
+
+
+def node_of_campus_killed(num_maps: int = 300, num_queries: int = 50, num_clients: int = 2) -> Outcome:
+    """Kill one of three nodes after half of the queries over all maps, of which each node holds a share; each is asked in a changed room of
+    its own. Any answer but 200 is a fault, and every answer in a wrong map or pose."""
+    outcome = Outcome(f"kill one of three nodes during {num_queries} queries over {num_maps} maps")
+    with RealRedis() as redis, tempfile.TemporaryDirectory(prefix="pl-") as folder, RayClusterOfOthers(2) as cluster:
+        data = Path(folder) / "data"
+        start_workers(cluster.address, data, redis.url)
+        settings = {"shared": "true", "redis_url": redis.url, "ray_address": cluster.address, "num_registrations": "3"}
+        service = RunningService(data, **settings)
+        try:
+            service.wait_until_ready(MAX_WAIT_S)
+            ids = []
+            for number in range(num_maps):
+                scan = encode_ply(scan_scene(build_scene(SceneSpec("room", _CAMPUS_SEED + number)), num_points=60_000))
+                form = {"options": json.dumps({"tags": ["campus"], "name": f"room {number}"})}
+                answer = service.http.post("/maps", files={"file": (f"{number}.ply", scan)}, data=form)
+                assert answer.status_code == 202, answer.text
+                ids.append(str(answer.json()["id"]))
+            uploaded, num_localized = time.monotonic(), itertools.count()
+            assert eventually(lambda: all(service.map(each)["status"] == "ready" for each in ids), 30 * num_maps)
+            outcome.figures["registrations after the last upload"] = f"{time.monotonic() - uploaded:.0f} s"
+
+            def ask(number: int) -> tuple[int, bool]:
+                place = number * num_maps // num_queries
+                (case,) = suite_cases("changed", [_CAMPUS_SEED + place], num_points=20_000)
+                image = ("image", ("0.jpg", encoded(case.query.photos[0].color, "JPEG", quality=92), "image/jpeg"))
+                form = {"tag": "campus", "options": json.dumps({"timeout_s": 500})}
+                reply = service.http.post("/localize", files=[image], data=form)
+                if reply.status_code != 200:
+                    return reply.status_code, False
+                found = reply.json()
+                if found["status"] != "localized":
+                    return 200, True
+                next(num_localized)
+                pose = np.array(found["pose"]["map_from_camera"]["matrix"])
+                error = pose_error(Pose(pose[:3, :3], pose[:3, 3]), case.pose)
+                return 200, found["map_id"] == ids[place] and error.within(0.3, 10)
+
+            _asked_while_one_dies(outcome, ask, num_queries, num_clients, lambda: cluster.kill(1))
+            outcome.figures["localized"] = str(next(num_localized))
+        finally:
+            service.kill()
+    return outcome
+
+
+def _asked_while_one_dies(
+    outcome: Outcome,
+    ask: Callable[[int], tuple[int, bool]],
+    num_queries: int,
+    num_clients: int,
+    kill: Callable[[], None],
+) -> None:
+    """Ask with several clients, and kill once half of the answers are there. ask: returns status, and whether the answer is right."""
+    began, answers, lock = time.monotonic(), Answers(), threading.Lock()
+
+    def one(number: int) -> None:
+        asked = time.monotonic()
+        status, is_right = ask(number)
+        with lock:
+            answers.at.append(time.monotonic())
+            answers.status.append(status)
+            answers.seconds.append(time.monotonic() - asked)
+            answers.wrong += status == 200 and not is_right
+            if len(answers.status) == num_queries // 2:
+                kill()
+
+    with ThreadPoolExecutor(num_clients) as clients:
+        list(clients.map(one, range(num_queries)))
     outcome.cases, outcome.seconds = len(answers.status), time.monotonic() - began
     tell(outcome, answers)
     outcome.figures["longest answer"] = f"{max(answers.seconds):.1f} s"
-    return outcome
 
 
 def killed_again(

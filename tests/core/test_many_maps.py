@@ -10,7 +10,7 @@ from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.localizer import Localizer
-from panoloc.core.many_maps import localize_among
+from panoloc.core.many_maps import localize_among, scores_among
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.options import Status
@@ -61,6 +61,24 @@ def test_only_the_likeliest_map_is_loaded_where_it_is_the_right_one() -> None:
     assert found.search.num_maps == 4
     assert {"retrieval", "load", "search"} <= set(found.timings_s)
     assert_found(found, POSE)
+
+
+@pytest.mark.slow
+def test_maps_that_others_have_found_to_be_the_likeliest_are_searched_in_their_order() -> None:
+    boxes = Boxes(OTHER_BOX, BOX, SYMMETRIC)
+    found = localize_among(with_limits(1, 3), rig_of(panorama()), boxes, num_maps=40)
+    assert boxes.asked[0] == 0
+    assert (best_of(found).map_position, found.search.num_maps) == (1, 40)
+    assert "retrieval" not in found.timings_s
+
+
+@pytest.mark.slow
+def test_scores_do_not_depend_on_which_other_maps_are_scored_beside() -> None:
+    vectors = Boxes(OTHER_BOX, SYMMETRIC, UNKNOWN, BOX).vectors()
+    together = scores_among(with_limits(1, 3), rig_of(panorama()), vectors, None)
+    alone = [scores_among(with_limits(1, 3), rig_of(panorama()), [one], None)[0] for one in vectors]
+    assert together == pytest.approx(alone, rel=0.01)
+    assert max(range(4), key=together.__getitem__) == 3
 
 
 @pytest.mark.slow

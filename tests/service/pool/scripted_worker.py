@@ -34,9 +34,12 @@ class ScriptedWorker:
         self._wait(script)
         if "fail" in script:
             return WorkerReply(failure=WorkerFailure(script["fail"], "as the script says"), worker=self._name)
-        outcome = LocalizeOutcome(
-            empty_answer(status="localized", search={"pid": os.getpid(), "request_id": job.request_id})
-        )
+        if job.share is not None:
+            (self._folder / f"{job.share}.maps").write_text(" ".join(ref.id for ref in job.maps))
+            return WorkerReply(scores=tuple(script["scores"].get(ref.id, 0.0) for ref in job.maps), worker=self._name)
+        figures = {"pid": os.getpid(), "request_id": job.request_id}
+        figures |= {"maps": [ref.id for ref in job.maps], "num_maps": job.num_maps}
+        outcome = LocalizeOutcome(empty_answer(status="localized", search=figures))
         return WorkerReply(outcome, worker=self._name, duration_s=0.1, resident_bytes=1234)
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:

@@ -1,5 +1,6 @@
 """What the pool of this machine does beyond the contract, with real processes and a scripted worker."""
 
+import itertools
 import os
 import signal
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from panoloc.lab.process_memory import command_of, descendants
-from panoloc.service.errors import NoWorkerError
+from panoloc.service.errors import NoWorkerError, StoredFileDamagedError
 from panoloc.service.pool import process_pool, worker_process
 from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.settings import Settings
@@ -67,6 +68,35 @@ def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(tmp_
         (tmp_path / "no-worker-starts").unlink()
         running.wait_until_ready(60)
         assert running.localize(query("answered")).answer.status == "localized"
+
+
+def test_each_of_several_workers_scores_a_share_of_many_maps_and_one_searches_the_likeliest(tmp_path: Path) -> None:
+    maps = tuple(f"map_{number}" for number in range(90))
+    with running_pool(tmp_path, 3) as running:
+        assert eventually(lambda: running.pool.state().num_workers == 3, 60)
+        scores = {name: float(number % 80) for number, name in enumerate(maps)}
+        figures = running.localize(query("many", maps, scores=scores)).answer.search
+        shares = [path.read_text().split() for path in tmp_path.glob("*.maps")]
+        assert len(shares) == 3
+        assert sorted(itertools.chain(*shares)) == sorted(maps)
+        assert figures["maps"] == sorted(maps, key=lambda name: -scores[name])[:64]
+        assert figures["num_maps"] == 90
+        assert running.localize(query("few", maps[:64])).answer.search["maps"] == list(maps[:64])
+
+
+def test_of_many_maps_those_that_cannot_be_built_are_left_out_wherever_they_are(tmp_path: Path) -> None:
+    whole, broken = tuple(f"map_{number}" for number in range(64)), ("map_broken_a", "map_broken_b")
+    for name in whole:
+        (tmp_path / f"{name}.1.index").touch()
+    with running_pool(tmp_path, 2) as running:
+        assert eventually(lambda: running.pool.state().num_workers == 2, 60)
+        job = query("most", (*whole, *broken), needs_index=True, scores={})
+        answer = running.localize(job).answer
+        assert (answer.status, answer.search["num_maps"]) == ("localized", 64)
+        assert sorted(answer.warnings) == [f"{name} was left out: its scan is damaged" for name in broken]
+        none = query("none", tuple(f"map_broken_{number}" for number in range(65)), needs_index=True, scores={})
+        with pytest.raises(StoredFileDamagedError, match="its scan is damaged"):
+            running.localize(none)
 
 
 def test_queries_that_wait_are_refused_when_the_next_worker_does_not_start(tmp_path: Path) -> None:

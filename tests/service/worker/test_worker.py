@@ -200,6 +200,9 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
     assert first.outcome.answer.map_id in {each.id for each in maps}
     stored = sorted(place.folder.rglob("retrieval-*.npz"))
     assert len(stored) == 20
+    scored = place.worker.localize(replace(query(maps=maps), share="share 0"))
+    assert (len(scored.scores), len(set(scored.scores))) == (20, 1)  # all of them are of one box
+    assert (scored.outcome, scored.failure, scored.index_loads) == (None, None, {})
     # Those that cannot be read are made again.
     key = key_of(maps[3], stored[3].name)
     before = place.storage.read(key)
