@@ -16,6 +16,7 @@ from torch import Tensor
 from panoloc.core.config import CONTRAST, JudgeConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.render.comparison import Comparison
 
 
@@ -83,33 +84,42 @@ def agreement(
 
     share: of the sphere, that was photographed. patch_deg: degrees that a patch is high and wide. lines: (K,), as in `Agreement`.
     """
-    scan, seen = comparison.scan, comparison.seen
-    total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
-    pixel_share = comparison.weights / total
-    window = comparison.views.window
-    sides = torch.cat((scan, seen, pixel_share[..., None]), dim=-1)
-    side, floor = round(window.rows * patch_deg / 180), CONTRAST.noise
-    # In patches that begin in the middle of those as well: a photo has thirty, and where their borders lie decides much.
-    first = correlation_in_patches(in_patches(sides, window, side), floor)
-    again = correlation_in_patches(in_patches(sides, window, side, side // 2), floor)
-    inside, mass = torch.cat((first[0], again[0]), dim=1), torch.cat((first[1], again[1]), dim=1) / 2
-    coverage = total[:, 0] / (4 * torch.pi)
+    side = round(comparison.views.window.rows * patch_deg / 180)
+    measure = _compiled if has_kernels_for(comparison.scan) else _measured
+    total, correlation_of_all, inside, explained = measure(comparison, side)
+    coverage = total / (4 * torch.pi)
     relative_coverage = (coverage / share).clamp(0, 1)
-    # Of what a patch shows, in standard deviations. Where much has changed, averages of correlations reward poses at which everything
-    # agrees a little; this rewards those at which something agrees.
-    explained = ((1 - (1 - inside.clamp(0, 1).square()).sqrt()) * mass).sum(-1)
     score = 2 * explained * relative_coverage.sqrt()
     if lines is not None:
         score = score * (1 - config.lines_share * (1 - lines))
-    return Agreement(
-        correlation(scan, seen, pixel_share, CONTRAST.noise).mean(-1),
-        (inside * mass).sum(-1),
-        coverage,
-        relative_coverage,
-        explained,
-        score,
-        lines,
-    )
+    return Agreement(correlation_of_all, inside, coverage, relative_coverage, explained, score, lines)
+
+
+def _measured(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return, each (K,), the sum of weights, and correlation, patch_correlation and explained of `Agreement`; side: of a patch, pixels."""
+    scan, seen, window = comparison.scan, comparison.seen, comparison.views.window
+    total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
+    pixel_share = comparison.weights / total
+    sides = torch.cat((scan, seen, pixel_share[..., None]), dim=-1)
+    # In patches that begin in the middle of those as well: a photo has thirty, and where their borders lie decides much.
+    first = correlation_in_patches(in_patches(sides, window, side), CONTRAST.noise)
+    again = correlation_in_patches(in_patches(sides, window, side, side // 2), CONTRAST.noise)
+    inside, mass = torch.cat((first[0], again[0]), dim=1), torch.cat((first[1], again[1]), dim=1) / 2
+    # Of what a patch shows, in standard deviations. Where much has changed, averages of correlations reward poses at which everything
+    # agrees a little; this rewards those at which something agrees.
+    explained = ((1 - (1 - inside.clamp(0, 1).square()).sqrt()) * mass).sum(-1)
+    of_all = correlation(scan, seen, pixel_share, CONTRAST.noise).mean(-1)
+    return total[:, 0], of_all, (inside * mass).sum(-1), explained
+
+
+def _compiled(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return what `_measured` returns, by the kernel."""
+    window, count = comparison.views.window, len(comparison.scan)
+    measured = comparison.scan.new_empty((count, 4))
+    images = comparison.scan, comparison.seen, comparison.weights
+    call("agreement", *images, count, window.height, window.width, side, CONTRAST.noise, measured)
+    total, of_all, inside, explained = measured.unbind(1)
+    return total, of_all, inside, explained
 
 
 def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:

@@ -8,12 +8,13 @@ namespace {
 constexpr int LEVELS = 256;
 
 // The level that a colour in 0..1 is nearest to; of two that are as near the even one, as in tensors.
-inline int32_t level_of(float color) {
-    const float value = color * (LEVELS - 1);
-    int32_t level = int32_t(value);
-    const float half = float(level) + 0.5f;  // compared, not subtracted: a product that is fused with a sum is rounded otherwise
-    level += value > half ? 1 : value == half ? level & 1 : 0;
-    return level < 0 ? 0 : level > LEVELS - 1 ? LEVELS - 1 : level;
+inline int32_t level_of(float color) { return std::min(LEVELS - 1, std::max(0, int32_t(std::rint(color * (LEVELS - 1))))); }
+
+// Levels of colours, many in one loop; between them memory is read and written at places that hang on the colour.
+constexpr int64_t AT_ONCE = 1536;
+
+inline void levels_of(const float* colors, int64_t count, int32_t* levels) {
+    for (int64_t i = 0; i < count; ++i) levels[i] = level_of(colors[i]);
 }
 
 // Smooth small images (3, rows, columns), read line by line at a larger size, bilinear; around the seam where the last column is beside the
@@ -67,16 +68,23 @@ class Surroundings {
 // Tables (B, 3, 256) that equalize images (B, P, 3), weights (B, P) of their pixels.
 extern "C" void equalization_tables(const float* colors, const float* weights, int64_t images, int64_t pixels, float* tables) {
     using namespace panoloc;
+    int32_t levels[AT_ONCE];
     for (int64_t b = 0; b < images; ++b) {
-        float histogram[3][LEVELS] = {};
-        const float *color = colors + 3 * b * pixels, *weight = weights + b * pixels;
-        for (int64_t i = 0; i < pixels; ++i)
-            for (int c = 0; c < 3; ++c) histogram[c][level_of(color[3 * i + c])] += weight[i];
+        // Two by turns: neighbours are often of one level, whose sum would have to wait for itself.
+        float histogram[2][3][LEVELS] = {};
+        for (int64_t first = 0; first < pixels; first += AT_ONCE / 3) {
+            const int64_t count = std::min(AT_ONCE / 3, pixels - first);
+            const float *color = colors + 3 * (b * pixels + first), *weight = weights + b * pixels + first;
+            levels_of(color, 3 * count, levels);
+            for (int64_t i = 0; i < count; ++i)
+                for (int c = 0; c < 3; ++c) histogram[i & 1][c][levels[3 * i + c]] += weight[i];
+        }
         for (int c = 0; c < 3; ++c) {
             float *table = tables + (3 * b + c) * LEVELS, darker = 0;
             for (int level = 0; level < LEVELS; ++level) {
-                table[level] = darker + histogram[c][level] / 2;
-                darker += histogram[c][level];
+                const float here = histogram[0][c][level] + histogram[1][c][level];
+                table[level] = darker + here / 2;
+                darker += here;
             }
             for (int level = 0; level < LEVELS; ++level) table[level] /= std::max(darker, 1e-12f);
         }
@@ -86,10 +94,15 @@ extern "C" void equalization_tables(const float* colors, const float* weights, i
 // Look images (B, P, 3) up in tables (B, 3, 256).
 extern "C" void apply_tables(const float* colors, const float* tables, int64_t images, int64_t pixels, float* found) {
     using namespace panoloc;
+    int32_t levels[AT_ONCE];
     for (int64_t b = 0; b < images; ++b) {
         const float* table = tables + 3 * b * LEVELS;
-        for (int64_t i = b * pixels; i < (b + 1) * pixels; ++i)
-            for (int c = 0; c < 3; ++c) found[3 * i + c] = table[c * LEVELS + level_of(colors[3 * i + c])];
+        for (int64_t first = 3 * b * pixels; first < 3 * (b + 1) * pixels; first += AT_ONCE) {
+            const int64_t count = std::min(AT_ONCE, 3 * (b + 1) * pixels - first);
+            levels_of(colors + first, count, levels);
+            for (int64_t i = 0; i < count; i += 3)
+                for (int c = 0; c < 3; ++c) found[first + i + c] = table[c * LEVELS + levels[i + c]];
+        }
     }
 }
 

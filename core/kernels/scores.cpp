@@ -1,6 +1,8 @@
 // Scores of poses by what is inside of squares of pixels: what panoloc.core.search.pixel_scores, every_pose and position_sweep say in tensors.
 // And which of many poses are different ones.
 
+#include <type_traits>
+
 #include "kernels.h"
 
 namespace panoloc {
@@ -163,45 +165,59 @@ class PixelScore {
     Table tables_[256];
 };
 
-// What some starts show, pixel by pixel, with the starts last: red, green, blue and whether it was seen, all zero where it was not.
+// What some starts show, pixel by pixel, with the starts last: red, green, blue, the sum of their squares, and whether it was seen, all zero
+// where it was not.
 struct Planes {
-    std::vector<float> colors;
+    static constexpr int COUNT = 5;
+    std::vector<float> values;
+    bool all_seen = true;  // of starts that there are; those that fill up the lanes do not count
 
-    Planes(const Pictures& pictures, const float* tables, int64_t first, int64_t count) : colors(pictures.pixels() * 4 * LANES) {
+    Planes(const Pictures& pictures, const float* tables, int64_t first, int64_t count) : values(pictures.pixels() * COUNT * LANES) {
         for (int64_t pixel = 0; pixel < pictures.pixels(); ++pixel)
             for (int64_t k = 0; k < count; ++k) {
                 const int64_t from = (first + k) * pictures.pixels() + pixel;
+                all_seen &= pictures.seen[from] != 0;
                 if (!pictures.seen[from]) continue;
-                float* to = colors.data() + pixel * 4 * LANES + k;
-                for (int c = 0; c < 3; ++c) to[c * LANES] = tables[256 * c + pictures.colors[3 * from + c]];
-                to[3 * LANES] = 1;
+                float *to = values.data() + pixel * COUNT * LANES + k, square = 0;
+                for (int c = 0; c < 3; ++c) {
+                    const float color = tables[256 * c + pictures.colors[3 * from + c]];
+                    to[c * LANES] = color, square += color * color;
+                }
+                to[3 * LANES] = square, to[4 * LANES] = 1;
             }
     }
 };
 
-// Score starts with one rotation, under which the photos' pixels lie at `at`; pixels lie square by square.
-void score_starts(const Photos& photos, const Planes& planes, const int32_t* at, float noise, float* scores) {
+// Score starts with one rotation, under which the photos' pixels lie at `at`; pixels lie square by square. Where the starts show something
+// everywhere, sums over the photos alone are the same for all of them.
+template <bool ALL_SEEN> void score_starts(const Photos& photos, const Planes& planes, const int32_t* at, float noise, float* scores) {
+    using Own = std::conditional_t<ALL_SEEN, float, Lanes>;
     float total[LANES] = {}, score[LANES] = {};
     for (int64_t s = 0; s < photos.size;) {
-        Lanes masses = {}, commons = {}, squares = {}, own_squares = {}, colors[3] = {}, owns[3] = {};
+        Own mass_of = {}, own_squares = {}, owns[3] = {};
+        Lanes commons = {}, squares = {}, colors[3] = {};
         const int64_t square = photos.squares[s];
         for (; s < photos.size && photos.squares[s] == square; ++s) {
             const float weight = photos.solid[s], *own = photos.colors + 3 * s;
-            const float own_square = weight * (own[0] * own[0] + own[1] * own[1] + own[2] * own[2]);
-            Lanes each[4];
-            std::memcpy(each, planes.colors.data() + int64_t(at[s]) * 4 * LANES, sizeof each);
-            masses += weight * each[3], own_squares += own_square * each[3];
-            squares += weight * (each[0] * each[0] + each[1] * each[1] + each[2] * each[2]);
+            Lanes each[ALL_SEEN ? 4 : Planes::COUNT];
+            std::memcpy(each, planes.values.data() + int64_t(at[s]) * Planes::COUNT * LANES, sizeof each);
+            Own is_seen;
+            if constexpr (ALL_SEEN) is_seen = 1;
+            else is_seen = each[4];
+            mass_of += weight * is_seen, own_squares += weight * (own[0] * own[0] + own[1] * own[1] + own[2] * own[2]) * is_seen;
+            squares += weight * each[3];
             for (int c = 0; c < 3; ++c) {
-                colors[c] += weight * each[c], owns[c] += weight * own[c] * each[3];
+                colors[c] += weight * each[c], owns[c] += weight * own[c] * is_seen;
                 commons += weight * own[c] * each[c];
             }
         }
+        const Lanes masses = Lanes{} + mass_of, own_square_sums = Lanes{} + own_squares;
+        const Lanes own_sums[3] = {Lanes{} + owns[0], Lanes{} + owns[1], Lanes{} + owns[2]};
         for (int k = 0; k < LANES; ++k) {
             const float mass = masses[k], per = 1 / larger(mass, 1e-9f);
-            float common = commons[k] * per, power = squares[k] * per, own_power = own_squares[k] * per;
+            float common = commons[k] * per, power = squares[k] * per, own_power = own_square_sums[k] * per;
             for (int c = 0; c < 3; ++c) {
-                const float color = colors[c][k] * per, own = owns[c][k] * per;
+                const float color = colors[c][k] * per, own = own_sums[c][k] * per;
                 common -= color * own, power -= color * color, own_power -= own * own;
             }
             score[k] += mass * explained(common, (larger(power, 0) + noise) * (larger(own_power, 0) + noise));
@@ -254,7 +270,7 @@ extern "C" void scores_of_every_pose(const uint8_t* colors, const uint8_t* seen,
         const Planes planes(pictures, tables, first, count);
         for (int64_t k = 0; k < num_rotations; ++k) {
             float some[LANES];
-            score_starts(photos, planes, at.data() + k * size, noise, some);
+            (planes.all_seen ? score_starts<true> : score_starts<false>)(photos, planes, at.data() + k * size, noise, some);
             for (int64_t t = 0; t < count; ++t) scores[(first + t) * num_rotations + k] = some[t];
         }
     });

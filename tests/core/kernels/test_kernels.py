@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 import torch
 
 from panoloc.core.config import StepConfig
+from panoloc.core.decide.agreement import agreement
 from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.line_support import LineSupport
@@ -284,6 +285,25 @@ def test_local_contrast(both: Numbers, window: SphereWindow) -> None:
     torch.testing.assert_close(compiled, tensors, atol=1e-4, rtol=0)
 
 
+@pytest.mark.parametrize("window", [SphereWindow(64, 0, 0, 64, 128), SphereWindow(64, 16, 40, 24, 48)])
+@pytest.mark.parametrize("patch_deg", [45.0, 20.0])  # of 16 pixels, and of 7
+def test_how_well_images_agree(both: Callable[..., Any], window: SphereWindow, patch_deg: float) -> None:
+    rng = torch.Generator().manual_seed(0)
+    scan, noise = (torch.rand((3, window.height * window.width, 3), generator=rng) for _ in range(2))
+    shape = (3, window.height, window.width)
+    empty = torch.zeros(shape)
+    views = SyntheticViews(torch.zeros((*shape, 3)), empty, empty > 0, empty.long(), window, torch.eye(3).expand(3, 3, 3))
+    weights = (torch.rand(scan.shape[:2], generator=rng) - 0.2).clamp_min(0)
+    weights[1, : weights.shape[1] // 3] = 0
+    weights[2] = 0
+    seen = torch.lerp(scan, noise, torch.rand(scan.shape[1], generator=rng)[None, :, None])
+    comparison = Comparison(scan, seen, weights, None, views, torch.zeros(weights.shape, dtype=torch.int64))
+    compiled, tensors = both(lambda: agreement(comparison, CONFIG.judge, 0.7, patch_deg))
+    assert 0.3 < float(tensors.patch_correlation[0]) < 0.9
+    for name in ("correlation", "patch_correlation", "coverage", "relative_coverage", "explained", "score"):
+        torch.testing.assert_close(getattr(compiled, name), getattr(tensors, name), atol=1e-4, rtol=1e-4)
+
+
 def test_what_edges_say_of_rotations(both: Numbers) -> None:
     edges = edges_of_photos(RigPyramid(RIGS["one photo"][0], 512, None, "cpu"), CONFIG.lines)
     assert edges.count > 100
@@ -321,7 +341,8 @@ def test_scores_of_poses(both: Numbers, name: str, is_labels: bool) -> None:
         map_of(BOX).views.take(torch.arange(40)),
         uniform_rotations(30),
     )
-    views.seen[::3, 10:20] = False
+    views.seen[:] = True  # of those that are scored together, some are seen everywhere
+    views.seen[:20:3, 10:20] = False
     for found, expected in (
         both(lambda: scores_of_every_pose(pixels, views, rotations, is_labels)),
         both(lambda: pixel_scores(pixels, views, rotations, torch.arange(30), torch.arange(30).flip(0), is_labels)),
