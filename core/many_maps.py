@@ -70,7 +70,8 @@ def localize_among(
 ) -> Localization:
     """Find where the images of a rig were taken, and in which of many maps.
 
-    maps: at least one. num_maps: where they are the likeliest of so many, best first. The other parameters and the errors are those of `Localizer.localize`; what `maps` raises is passed on.
+    maps: at least one. num_maps: where they are the likeliest of so many, best first. The other parameters and the errors are those of
+    `Localizer.localize`; what `maps` raises is passed on.
     """
     began, few, most = time.monotonic(), localizer.config.search.first_maps, localizer.config.search.most_maps
     ranked, portions, timings_s = list(range(len(maps))), [len(maps)], defaultdict[str, float](float)
@@ -107,9 +108,7 @@ def localize_among(
     return replace(found, timings_s=dict(timings_s))
 
 
-def scores_among(
-    localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors], hints: Hints | None
-) -> list[float]:
+def scores_among(localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors], hints: Hints | None) -> list[float]:
     """Return for each map how much its starts show of what a rig shows; comparable between any maps."""
     config = localizer.config
     with torch.inference_mode():

@@ -162,6 +162,47 @@ class Localization(ResponseModel):
         return self.model_copy(update={"artifacts": {}, "warnings": [*self.warnings, lost]})
 
 
+class PlacedLocalization(Localization):
+    """An answer with a pose."""
+
+    map_id: str
+    map_revision: int
+    pose: PoseAnswer = Field(description="Of the first image.")
+    map_from_session: RigidMotion = Field(
+        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. For one image "
+        "without a pose, the session frame is the camera frame."
+    )
+    accuracy: Accuracy
+
+
+class Localized(PlacedLocalization):
+    """One pose fits."""
+
+    status: Literal["localized"]
+
+
+class Ambiguous(PlacedLocalization):
+    """Several poses fit equally well; the others are `alternatives`."""
+
+    status: Literal["ambiguous"]
+
+
+class NotLocalized(Localization):
+    """No pose fits well enough. The best guess, if there is one, is the first of `alternatives`."""
+
+    status: Literal["not_localized"]
+    map_id: None
+    map_revision: None
+    pose: None
+    map_from_session: None
+    geopose: None
+    accuracy: None
+
+
+BY_STATUS = (Localized, Ambiguous, NotLocalized)
+"""What an answer is, by its status, as the document of the API has it."""
+
+
 def picture_path(localization_id: str, name: str) -> str:
     """Return the path of one PNG of an answer."""
     return f"/localizations/{localization_id}/{name.replace('_', '-')}.png"

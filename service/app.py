@@ -27,6 +27,13 @@ _DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
 
 Positions are metres in the map's own frame, angles degrees, times UTC. Every error is a problem document (RFC 9457)."""
 
+_TAGS = {
+    "maps": "Register scans, and look at what became of them.",
+    "localization": "Find where images were taken.",
+    "batches": "Find where folders of photos were taken, and export them.",
+    "operations": "For operators and newcomers: health, metrics, and a room to try.",
+}
+
 
 def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = None) -> FastAPI:
     """Return the application; its lifespan starts and stops the pool. storage: None for that of the settings."""
@@ -44,7 +51,16 @@ def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = N
             await services.stop()
 
     app = FastAPI(
-        title="panoloc", version=version("panoloc"), description=_DESCRIPTION, lifespan=lifespan, openapi_url=None
+        title="panoloc",
+        version=version("panoloc"),
+        description=_DESCRIPTION,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        contact={"name": "The operator of this service"},
+        servers=[{"url": "/"}],
+        openapi_tags=[{"name": name, "description": what} for name, what in _TAGS.items()],
+        generate_unique_id_function=lambda route: route.name,
+        lifespan=lifespan,
+        openapi_url=None,
     )
     app.state.services = services
     app.state.recent_errors = RecentErrors()

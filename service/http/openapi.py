@@ -1,12 +1,14 @@
 """The OpenAPI document: FastAPI's own, with the forms and bodies that routes read by themselves, and the answers and
 problems of each path."""
 
+import json
 from typing import Any
 
 from fastapi import FastAPI
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
+from panoloc.service.answer import BY_STATUS, Localization
 from panoloc.service.http.schemas.batches import BatchOptions
 from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
 from panoloc.service.http.schemas.maps import MapOptions, MapPatch, ScanOptions
@@ -28,6 +30,18 @@ _MODELS: tuple[type[BaseModel], ...] = (
     GeoPoseRequest,
     GeoPoseReply,
 )
+
+
+_NULL = "\0null"  # FastAPI leaves nulls out, also of examples
+
+
+def kept_nulls(example: Any) -> Any:
+    """Return an example whose nulls survive FastAPI."""
+    if isinstance(example, dict):
+        return {key: kept_nulls(value) for key, value in example.items()}
+    if isinstance(example, list):
+        return [kept_nulls(value) for value in example]
+    return _NULL if example is None else example
 
 
 def binary_part(description: str) -> dict[str, Any]:
@@ -58,19 +72,20 @@ def multipart(
     encoding = {"options": {"contentType": "application/json"}} if "options" in parts else {}
     media: dict[str, Any] = {"schema": schema, "encoding": encoding}
     if examples:
-        media["examples"] = examples
+        media["examples"] = kept_nulls(examples)
     return {"requestBody": {"required": True, "content": {"multipart/form-data": media}}}
 
 
 def json_body(model: type[BaseModel], example: Any) -> dict[str, Any]:
     """Return the `openapi_extra` of a route that reads its JSON body itself."""
-    content = {"application/json": {"schema": json_part(model), "example": example}}
+    content = {"application/json": {"schema": json_part(model), "example": kept_nulls(example)}}
     return {"requestBody": {"required": True, "content": content}}
 
 
 def json_response(model: type[BaseModel], example: Any, *errors: int) -> Responses:
     """Return JSON with status 200. errors: statuses of problems."""
-    return {200: {"model": model, "content": {"application/json": {"example": example}}}, **error_responses(*errors)}
+    content = {"application/json": {"example": kept_nulls(example)}}
+    return {200: {"model": model, "content": content}, **error_responses(*errors)}
 
 
 def accepted_response(model: type[BaseModel], example: Any, description: str, path_of: str, *errors: int) -> Responses:
@@ -83,7 +98,7 @@ def accepted_response(model: type[BaseModel], example: Any, description: str, pa
             "schema": {"type": "integer"},
         },
     }
-    content = {"application/json": {"example": example}}
+    content = {"application/json": {"example": kept_nulls(example)}}
     accepted = {"model": model, "description": description, "headers": headers, "content": content}
     return {202: accepted, **error_responses(*errors)}
 
@@ -107,7 +122,9 @@ def install_openapi(app: FastAPI) -> None:
         if app.openapi_schema is None:
             document = made_by_fastapi()  # which also keeps it
             _add_models(document)
-            _remove_default_errors(document)
+            _correct_operations(document)
+            _tell_answers_apart(document)
+            _complete_for_generators(document)
         return app.openapi_schema or {}
 
     app.openapi = openapi  # type: ignore[method-assign]
@@ -120,12 +137,50 @@ def _add_models(document: dict[str, Any]) -> None:
         known.setdefault(name, definition)
 
 
-def _remove_default_errors(document: dict[str, Any]) -> None:
-    """Remove FastAPI's own 422, which this service never sends."""
+def _tell_answers_apart(document: dict[str, Any]) -> None:
+    """Make the answer one of three by its status, so that a client that looks at it knows whether there is a pose."""
+    schemas = document["components"]["schemas"]
+    _, schema = models_json_schema([(model, "serialization") for model in BY_STATUS], ref_template=_REF)
+    for model in BY_STATUS:
+        schemas[model.__name__] = schema["$defs"][model.__name__]
+    refs = {schema["$defs"][m.__name__]["properties"]["status"]["const"]: json_part(m)["$ref"] for m in BY_STATUS}
+    description = schemas[Localization.__name__]["description"]
+    schemas[Localization.__name__] = {
+        "description": description,
+        "oneOf": [{"$ref": ref} for ref in refs.values()],
+        "discriminator": {"propertyName": "status", "mapping": refs},
+    }
+
+
+def _complete_for_generators(document: dict[str, Any]) -> None:
+    """Put nulls back into examples; say in words what is default, for generators of types take fields with a default as given; and leave
+    answers open without saying so, for generated types accept every misspelt field otherwise."""
+    _put_nulls_back(document)
+    for schema in document["components"]["schemas"].values():
+        if schema.get("additionalProperties") is True:
+            del schema["additionalProperties"]
+        for field in schema.get("properties", {}).values():
+            default = field.pop("default", None)
+            if default not in (None, [], {}) and "default" not in field.get("description", "").lower():
+                field["description"] = f"{field.get('description', '')} Default: {json.dumps(default)}.".strip()
+
+
+def _put_nulls_back(node: Any) -> None:
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+        if value == _NULL:
+            node[key] = None
+        elif isinstance(value, dict | list):
+            _put_nulls_back(value)
+
+
+def _correct_operations(document: dict[str, Any]) -> None:
+    """Remove FastAPI's own 422, which this service never sends, and say that keys are optional."""
     for operations in document["paths"].values():
         for operation in operations.values():
             answer = operation.get("responses", {}).get("422", {})
             if "HTTPValidationError" in str(answer):
                 del operation["responses"]["422"]
+            if operation.get("security"):
+                operation["security"].insert(0, {})  # keys are asked for only where the operator has set some
     for name in ("HTTPValidationError", "ValidationError"):
         document["components"]["schemas"].pop(name, None)

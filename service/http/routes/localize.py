@@ -15,7 +15,7 @@ from panoloc.core.options import MAX_IMAGES
 from panoloc.service.answer import Localization, picture_path
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, require
-from panoloc.service.http.openapi import accepted_response, file_response, files_part, json_part, multipart
+from panoloc.service.http.openapi import accepted_response, file_response, files_part, json_part, kept_nulls, multipart
 from panoloc.service.http.query_images import query_images
 from panoloc.service.http.schemas.examples import (
     LOCALIZATION_EXAMPLE,
@@ -71,7 +71,7 @@ _STATE: dict[str, Any] = {
     "model": Localization | PendingLocalization,
     "content": {
         "application/json": {
-            "examples": {"done": {"value": LOCALIZATION_EXAMPLE}, "running": {"value": PENDING_EXAMPLE}}
+            "examples": kept_nulls({"done": {"value": LOCALIZATION_EXAMPLE}, "running": {"value": PENDING_EXAMPLE}})
         }
     },
 }
@@ -83,7 +83,7 @@ _STATE: dict[str, Any] = {
     dependencies=[Depends(require("localize"))],
     response_model=Localization,
     responses={
-        200: {"content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
+        200: {"content": {"application/json": {"example": kept_nulls(LOCALIZATION_EXAMPLE)}}},
         **accepted_response(
             PendingLocalization,
             {**PENDING_EXAMPLE, "status": "queued"},

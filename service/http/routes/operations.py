@@ -3,6 +3,7 @@
 import asyncio
 import time
 from importlib.metadata import version
+from typing import Any
 
 from fastapi import APIRouter, Depends, Request
 from prometheus_client import CONTENT_TYPE_LATEST
@@ -19,12 +20,14 @@ from panoloc.service.services import Services, services_of
 router = APIRouter(tags=["operations"])
 
 _RETRY_AFTER_S = 2
+_OPEN: dict[str, Any] = {"security": []}  # to callers without a key
 
 
 @router.get(
     "/health/live",
     summary="Check that the process runs",
-    responses={200: {"model": Liveness}, **error_responses()},
+    responses={200: {"model": Liveness}, **error_responses(403)},
+    openapi_extra=_OPEN,
 )
 async def live() -> Response:
     """Answer as long as the process runs."""
@@ -41,8 +44,9 @@ async def live() -> Response:
             "description": "Not yet; `waiting_for` lists the missing parts.",
             "headers": {"Retry-After": {"required": True, "schema": {"type": "integer"}}},
         },
-        **error_responses(),
+        **error_responses(403),
     },
+    openapi_extra=_OPEN,
 )
 async def ready(request: Request) -> Response:
     """Answer 200 when Redis takes values, the storage can be written, a worker is up and start-up is over.
@@ -91,7 +95,11 @@ async def metrics(request: Request) -> Response:
 
 
 @router.get(
-    "/problems/{slug}", summary="Explain a kind of problem", response_model=None, responses=error_responses(404)
+    "/problems/{slug}",
+    summary="Explain a kind of problem",
+    response_model=None,
+    responses=error_responses(404),
+    openapi_extra=_OPEN,
 )
 async def problem(request: Request, slug: str) -> Response:
     """Explain the `type` of a problem document."""

@@ -39,7 +39,8 @@ class GeoPoseReply(ResponseModel):
 class _Lenient(BaseModel):
     """Requests of any client of the protocol: only the image is required, unknown fields are ignored."""
 
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    # `{}` is open as `true` is, but stays in the document of the API.
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False, json_schema_extra={"additionalProperties": {}})
 
 
 class CameraParameters(_Lenient):

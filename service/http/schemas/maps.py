@@ -119,7 +119,8 @@ class MapOptions(ScanOptions, PlaceOnEarth):
 class MapPatch(PlaceOnEarth):
     """The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth."""
 
-    name: Name = ""
+    # Not sent unless given, so what is default here means nothing.
+    name: Name = Field(default_factory=str)
     tags: Tags = Field(default_factory=list)
     shared_with: Tags = Field(
         default_factory=list, description="Other tenants that can view the map and localize in it; `*` for all."

@@ -129,7 +129,7 @@ class Camera(RequestModel):
         description="`k1 k2 p1 p2 [k3 [k4 k5 k6]]`, or `k1 k2 k3 k4` of the fisheye.",
     )
     hfov_deg: _Number | None = Field(None, description="Horizontal field of view, instead of `fx_px` … `cy_px`.")
-    hfov_range_deg: tuple[_Number, _Number] | None = Field(
+    hfov_range_deg: Annotated[list[_Number], Field(min_length=2, max_length=2)] | None = Field(
         None,
         description="Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as "
         "long; `images[0].camera` in the answer has the result.",
@@ -156,7 +156,8 @@ class Camera(RequestModel):
                     "session_from_camera is the only field"
                 )
             return None
-        return CameraDescription(**{**given, "distortion": tuple(self.distortion)})
+        bounds = None if self.hfov_range_deg is None else tuple(self.hfov_range_deg)
+        return CameraDescription(**{**given, "distortion": tuple(self.distortion), "hfov_range_deg": bounds})
 
 
 class TrackedSession(RequestModel):

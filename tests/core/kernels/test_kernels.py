@@ -292,7 +292,9 @@ def test_how_well_images_agree(both: Callable[..., Any], window: SphereWindow, p
     scan, noise = (torch.rand((3, window.height * window.width, 3), generator=rng) for _ in range(2))
     shape = (3, window.height, window.width)
     empty = torch.zeros(shape)
-    views = SyntheticViews(torch.zeros((*shape, 3)), empty, empty > 0, empty.long(), window, torch.eye(3).expand(3, 3, 3))
+    views = SyntheticViews(
+        torch.zeros((*shape, 3)), empty, empty > 0, empty.long(), window, torch.eye(3).expand(3, 3, 3)
+    )
     weights = (torch.rand(scan.shape[:2], generator=rng) - 0.2).clamp_min(0)
     weights[1, : weights.shape[1] // 3] = 0
     weights[2] = 0
