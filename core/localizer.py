@@ -21,28 +21,34 @@ from panoloc.core.options import MAX_TOP_K, Hints, Method
 from panoloc.core.paper.paper_method import PaperMethod
 from panoloc.core.query.engine import Engine
 from panoloc.core.query.focal_lengths import FoundCameras, found_cameras
+from panoloc.core.remarks import Reason, Remark
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.core.stage_clock import StageClock
 
-_HINTS_MAY_BE_WRONG = (
-    "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out"
+_HINTS_MAY_BE_WRONG = Remark(
+    "widen_hints",
+    "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out",
 )
-_PANORAMA_MAY_BE_WRONG = (
+_PANORAMA_MAY_BE_WRONG = Remark(
+    "check_image",
     "no pose fits the panorama well enough; if it shows this place, much of what it shows has changed, or it is no full sphere: "
-    "describe a crop or a stretched image in cameras"
+    "describe a crop or a stretched image in cameras",
 )
-_CAMERA_MAY_BE_WRONG = (
+_CAMERA_MAY_BE_WRONG = Remark(
+    "check_camera",
     "no pose fits the photo well enough; if it shows this place, much of what it shows has changed, or its field of view is not as given "
-    "(a crop, a zoom): let it be searched with hfov_range_deg"
+    "(a crop, a zoom): let it be searched with hfov_range_deg",
 )
-_NOISE_IS_TOO_LARGE = (
+_NOISE_IS_TOO_LARGE = Remark(
+    "accuracy_too_low",
     "the field of view, or the tracking between images, is not known well enough to say where the first image was taken; "
-    "send hfov_deg or the intrinsics, more images, or a smaller position_noise_m"
+    "send hfov_deg or the intrinsics, more images, or a smaller position_noise_m",
 )
-_CAMERAS_MAY_BE_WRONG = (
+_CAMERAS_MAY_BE_WRONG = Remark(
+    "check_camera",
     "no pose fits the images well enough; if they show this place, much of what they show has changed, "
-    "or cameras, session_from_camera or frame are not as given"
+    "or cameras, session_from_camera or frame are not as given",
 )
 
 
@@ -100,7 +106,9 @@ class Localizer:
         answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
         if answer.status == "not_localized" and not answer.warnings:
             answer = replace(answer, warnings=why_nothing_fits(rig, hints))
-        return replace(answer, warnings=(*answer.warnings, *rig.left_out))
+        return replace(
+            answer, warnings=(*answer.warnings, *(Remark("regions_ignored", words) for words in rig.left_out))
+        )
 
     def _answer(
         self,
@@ -114,12 +122,13 @@ class Localizer:
         """Turn hypotheses into an answer with confidence, accuracy and change maps."""
         search = SearchSummary(method, len(maps), result.num_starts, result.num_rotations, result.num_poses)
         if not result.hypotheses:
-            warning = (
+            reason: Reason = "nothing_in_reach" if result.num_poses else "widen_hints"
+            words = (
                 "no pose in reach of the scan and within the hints fits after refinement; widen these or leave them out"
                 if result.num_poses
                 else "the hints leave no pose to search; widen them or leave them out"
             )
-            return Localization("not_localized", search, clock.timings_s, warnings=(warning,))
+            return Localization("not_localized", search, clock.timings_s, warnings=(Remark(reason, words),))
         with clock.stage("confidence"):
             judged = verdict(result.hypotheses, self._confidence, result.noise, prior)
             places, status = judged.places, judged.status
@@ -190,7 +199,7 @@ class Localizer:
         )
 
 
-def why_nothing_fits(rig: Rig, hints: Hints | None) -> tuple[str, ...]:
+def why_nothing_fits(rig: Rig, hints: Hints | None) -> tuple[Remark, ...]:
     """Say what may be wrong with a rig that no pose fits well."""
     reasons = [] if hints is None else [_HINTS_MAY_BE_WRONG]
     photos = rig.photos

@@ -18,6 +18,7 @@ from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints, Method
 from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.remarks import Remark
 from panoloc.core.results import Candidate, Localization
 from panoloc.core.search.retrieval import scores_of_maps
 
@@ -160,8 +161,9 @@ def _is_sure(found: Localization, sure: float) -> bool:
     return confidence >= {"localized": sure, "ambiguous": sure / 2}.get(found.status, math.inf)
 
 
-def _left_out(searched: int, num_maps: int) -> str:
-    return (
+def _left_out(searched: int, num_maps: int) -> Remark:
+    return Remark(
+        "name_fewer_maps",
         f"only the {searched} of {num_maps} maps were searched that look most like it; name fewer maps with map_id or tag, "
-        "or send more images"
+        "or send more images",
     )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from panoloc.core.camera.camera import Camera
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Method, Status
+from panoloc.core.remarks import Remark
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Localization:
     score_map_2d: NDArray[np.float32] | None = None
     score_points: Callable[[], NDArray[np.float32]] | None = None
     evidence: Evidence | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Remark, ...] = ()
     map_from_session: Pose | None = None
     images: tuple[FoundImage, ...] = ()
     found_cameras: tuple[Camera, ...] = ()

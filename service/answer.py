@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from panoloc.core.camera.camera import CameraModel
 from panoloc.core.options import Frame, Status
+from panoloc.core.remarks import Reason, Remark
 
 Document = dict[str, Any]
 """A JSON object, as it is stored or sent."""
@@ -142,10 +143,19 @@ class Localization(ResponseModel):
     change: Change
     timings_s: dict[str, float] = Field(description="Seconds per stage; `queue` and `total` as the caller sees them.")
     search: dict[str, Any]
-    warnings: list[str]
+    warnings: list[str] = Field(description="For people.")
+    reasons: list[Reason] = Field(
+        default_factory=list, description="For programs: what each of `warnings` says, or what the caller can do."
+    )
     artifacts: dict[str, str] = Field(description="Paths of the requested pictures.")
 
-    def as_waited_for(self, total_s: float, warnings: Iterable[str]) -> "Localization":
+    def with_remarks(self, remarks: Iterable[Remark]) -> "Localization":
+        """Return the answer with more warnings."""
+        more = list(remarks)
+        warnings, reasons = [*self.warnings, *more], [*self.reasons, *(each.reason for each in more)]
+        return self.model_copy(update={"warnings": warnings, "reasons": reasons})
+
+    def as_waited_for(self, total_s: float, remarks: Iterable[Remark]) -> "Localization":
         """Return the answer with the waiting time and the warnings of the HTTP process.
 
         total_s: seconds that the caller waited; `queue` is the part that the worker did not use.
@@ -153,13 +163,12 @@ class Localization(ResponseModel):
         stages = {name: seconds for name, seconds in self.timings_s.items() if name != "total"}
         waited_s = max(0.0, total_s - self.timings_s.get("total", sum(stages.values())))
         timings_s = {"queue": round(waited_s, 6), **stages, "total": round(total_s, 6)}
-        return self.model_copy(update={"timings_s": timings_s, "warnings": [*self.warnings, *warnings]})
+        return self.with_remarks(remarks).model_copy(update={"timings_s": timings_s})
 
     def without_copies(self) -> "Localization":
         """Return the answer without links to pictures, for a Redis that cannot keep them."""
-        lost = "Redis cannot store this answer: it cannot be fetched again, and its pictures are lost; localize "
-        "again to get them"
-        return self.model_copy(update={"artifacts": {}, "warnings": [*self.warnings, lost]})
+        words = "Redis cannot store this answer: it cannot be fetched again, and its pictures are lost; localize again to get them"
+        return self.with_remarks([Remark("not_kept", words)]).model_copy(update={"artifacts": {}})
 
 
 class PlacedLocalization(Localization):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, TrackedPose
+from panoloc.core.remarks import Remark
 
 if TYPE_CHECKING:
     from panoloc.service.answer import Localization
@@ -124,8 +125,8 @@ class LocalizeOutcome:
 
     def without_maps(self, left_out: Mapping[MapRef, Exception]) -> "LocalizeOutcome":
         """Return the outcome with a warning for each map that could not be searched, and why not."""
-        warnings = [f"{ref.id} was left out: {error}" for ref, error in left_out.items()]
-        return replace(self, answer=self.answer.model_copy(update={"warnings": [*self.answer.warnings, *warnings]}))
+        remarks = [Remark("map_left_out", f"{ref.id} was left out: {error}") for ref, error in left_out.items()]
+        return replace(self, answer=self.answer.with_remarks(remarks))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from panoloc.core.decide.agreement import PhotoAgreement
 from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import Hypothesis, distinct
 from panoloc.core.options import Status
+from panoloc.core.remarks import Remark
 from panoloc.core.results import Localization
 
 
@@ -96,8 +97,9 @@ class Doubts:
         them fits best is chance. edges_deg: how long all edges are together; None: nobody knows."""
         if found.status == "not_localized" or edges_deg is None or edges_deg >= self._config.least_edges_deg:
             return found
-        warning = "the image shows next to no edges, as a plain wall does; take one that shows more of the place"
-        return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
+        words = "the image shows next to no edges, as a plain wall does; take one that shows more of the place"
+        confidence = 0.0 if found.best is None else found.best.confidence
+        return self._refused(found, confidence, Remark("turn_more", words))
 
     def unless_at_bound(self, found: Localization, bound_deg: float | None) -> Localization:
         """Return the answer, not localized where the photo fits best with a field of view at one of the bounds that it was searched
@@ -107,11 +109,12 @@ class Doubts:
         at_bound = f"when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg"
         if found.status == "not_localized":
             lost = f"nothing fits well enough; what fits best does so {at_bound}: widen the range if the photo may lie beyond"
-            return replace(found, warnings=(*found.warnings, lost))
-        warning = f"the photo fits best {at_bound}; widen the range"
-        return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
+            return replace(found, warnings=(*found.warnings, Remark("widen_hfov_range", lost)))
+        confidence = 0.0 if found.best is None else found.best.confidence
+        words = f"the photo fits best {at_bound}; widen the range"
+        return self._refused(found, confidence, Remark("widen_hfov_range", words))
 
-    def _refused(self, found: Localization, confidence: float, warning: str | None = None) -> Localization:
+    def _refused(self, found: Localization, confidence: float, warning: Remark | None = None) -> Localization:
         """Return the answer as one that is not localized, no surer than that and half the threshold; nor are its alternatives."""
         assert found.best is not None
         most = min(confidence, self._threshold / 2)
@@ -121,7 +124,7 @@ class Doubts:
         return replace(found, status="not_localized", best=best, alternatives=others, warnings=warnings)
 
 
-def _contradiction(doubtful: Sequence[int], count: int) -> str:
+def _contradiction(doubtful: Sequence[int], count: int) -> Remark:
     """Say of which images, counted from 0, the poses or cameras must be wrong."""
     numbers = [str(k + 1) for k in doubtful]
     if len(numbers) == 1:
@@ -135,4 +138,5 @@ def _contradiction(doubtful: Sequence[int], count: int) -> str:
             "their session_from_camera and the field of view of their cameras",
         )
     unless = "unless much of what is seen there has changed"
-    return f"{said} not agree with the pose that fits the others; check frame, {whose}, {unless}"
+    words = f"{said} not agree with the pose that fits the others; check frame, {whose}, {unless}"
+    return Remark("images_contradict", words)

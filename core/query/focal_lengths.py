@@ -16,6 +16,7 @@ from panoloc.core.camera.rig import Rig
 from panoloc.core.config import FocalConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.errors import OptionsError
+from panoloc.core.remarks import Remark
 from panoloc.core.render.comparison import Comparison
 
 _AT_BOUND_DEG = 0.1
@@ -108,7 +109,7 @@ class FoundCameras:
 
     rig: Rig
     are_others: bool = False
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Remark, ...] = ()
     bound_deg: float | None = None
 
 
@@ -124,7 +125,8 @@ def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis]) -
         return FoundCameras(rig)
     of = "an image" if len(given.images) == 1 else "images of which the first is"
     widths = f"{found_deg:.1f} degrees wide, not {given.photos[0].camera.hfov_deg:.1f} as given"
-    return FoundCameras(rig, True, (f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}",))
+    words = f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}"
+    return FoundCameras(rig, True, (Remark("hfov_contradicted", words),))
 
 
 def _log_factor(camera: Camera, hfov_deg: float) -> float:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from panoloc.core.earth.georeference import coordinate_system, ecef_of
+from panoloc.core.remarks import Remark
 from panoloc.service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.known_maps import KnownMaps, VisibleMaps
@@ -19,7 +20,7 @@ class ChosenMaps:
     """Maps that can answer. warnings: about those that cannot."""
 
     refs: tuple[MapRef, ...]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Remark, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,10 @@ class MapChoice:
             return ChosenMaps((serving_ref(meant[0]),))
         left_out = [record.id for record in meant if record.serving is None]
         if self.tag is not None:
-            return ChosenMaps(tuple(serving), tuple(f"{map_id} has the tag but is not ready" for map_id in left_out))
-        warning = f"{len(left_out)} of {len(meant)} maps are not ready and were not searched"
-        return ChosenMaps(tuple(serving), (warning,) if left_out else ())
+            words = [f"{map_id} has the tag but is not ready" for map_id in left_out]
+        else:
+            words = [f"{len(left_out)} of {len(meant)} maps are not ready and were not searched"] if left_out else []
+        return ChosenMaps(tuple(serving), tuple(Remark("map_not_ready", each) for each in words))
 
 
 def serving_ref(record: MapRecord) -> MapRef:

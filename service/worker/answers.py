@@ -79,6 +79,7 @@ def answer_of(
         timings_s={**timings_s, **found.timings_s},
         search=json_safe(_figures(found)),
         warnings=list(found.warnings),
+        reasons=[remark.reason for remark in found.warnings],
         artifacts={name: answer.picture_path(job.localization_id, name) for name in ARTIFACTS if name in pictures},
     )
 

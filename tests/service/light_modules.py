@@ -5,6 +5,7 @@ FOR_COMMANDS = frozenset(
         "panoloc.core",
         "panoloc.core.camera",
         "panoloc.core.camera.camera",
+        "panoloc.core.remarks",
         "panoloc.core.errors",
         "panoloc.core.image",
         "panoloc.core.image.image_header",

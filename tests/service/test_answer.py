@@ -14,6 +14,7 @@ from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Frame, Status, TrackedPose
+from panoloc.core.remarks import Remark
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions
 from panoloc.service.worker.answers import answer_of
@@ -48,7 +49,7 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
         timings_s={"search": 0.06, "refine": 0.4},
         search=SearchSummary("fast", 2, np.int64(412), 2304, 900_000),  # type: ignore[arg-type]
         evidence=Evidence({"correlation": math.nan, "coverage": 0.9}, {"margin": 0.5}, (0.2,), None, (0.004, 0.1)),
-        warnings=("dark image",),
+        warnings=(Remark("check_image", "dark image"),),
     )
 
 
@@ -62,7 +63,7 @@ def body_of(
     images = tuple(QueryImage(b"", session_from_camera=pose) for _ in query.images)
     job = LocalizeJob("loc_1", "req_1", images, MAPS, QueryOptions(30, frame=frame), 0.0, georeferences or {})
     answer = answer_of(found, job, query.photos, {"decode": 0.03}, {})
-    return answer.as_waited_for(0.5, ["map_c is not ready"]).model_dump(mode="json")
+    return answer.as_waited_for(0.5, [Remark("map_not_ready", "map_c is not ready")]).model_dump(mode="json")
 
 
 def pose_of(pose: Pose, frame: Frame) -> dict[str, Any]:
@@ -81,6 +82,7 @@ def test_a_localized_panorama_names_its_map_and_pose(status: Status) -> None:
     assert body["change"] == {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.25}
     assert body["timings_s"] == {"queue": 0.01, "decode": 0.03, "search": 0.06, "refine": 0.4, "total": 0.5}
     assert body["warnings"] == ["dark image", "map_c is not ready"]
+    assert body["reasons"] == ["check_image", "map_not_ready"]
     assert [(each["map_id"], each["confidence"]) for each in body["alternatives"]] == [("map_b", 0.04)]
 
 

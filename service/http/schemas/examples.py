@@ -54,6 +54,7 @@ LOCALIZATION_EXAMPLE = {
     "timings_s": {"queue": 0.002, "decode": 0.03, "search": 0.06, "refine": 0.4, "total": 0.51},
     "search": {"num_starts": 412, "num_rotations": 2304, "color_model": "equalized", "sampling_loss": 0.11},
     "warnings": [],
+    "reasons": [],
 }
 PENDING_EXAMPLE = {"id": _QUERY_ID, "status": "running", "created_at": _CREATED_AT, "error": None}
 MAP_OPTIONS_EXAMPLE = {
