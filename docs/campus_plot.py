@@ -14,7 +14,13 @@ _PANELS = (("p50_s", "seconds, median"), ("vectors_mb", "memory of vectors, MB")
 
 def main(target: str, *given: str) -> None:
     """Write the plot. given: name of a kind of query, "=", and the file with its figures."""
-    plt.rcParams |= {"svg.hashsalt": "panoloc", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False}
+    plt.rcParams |= {
+        "svg.hashsalt": "panoloc",
+        "svg.fonttype": "none",
+        "font.size": 10,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+    }
     figure, panels = plt.subplots(1, len(_PANELS), figsize=(10, 3.2), layout="constrained")
     for name, path in (one.split("=") for one in given):
         rows = json.loads(Path(path).read_text(encoding="utf-8"))["campus"]
@@ -22,6 +28,7 @@ def main(target: str, *given: str) -> None:
             panel.plot([row["maps"] for row in rows], [row[key] for row in rows], marker="o", label=name)
     for panel, (key, title) in zip(panels, _PANELS, strict=True):
         panel.set(xscale="log", xlabel="maps", title=title)
+        panel.set_xticks([10, 100, 1000], ["10", "100", "1,000"])
         panel.set_yscale("linear" if key == "recall" else "log")
         panel.grid(alpha=0.3)
     panels[-1].set_ylim(0, 1.05)

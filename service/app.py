@@ -5,15 +5,18 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 
 from fastapi import FastAPI
+from starlette.middleware.cors import CORSMiddleware
 
 from panoloc.service.cache import Cache
-from panoloc.service.host_names import host_names
+from panoloc.service.host_names import host_names, origins
 from panoloc.service.http.error_handlers import install_error_handlers
 from panoloc.service.http.guards.early_refusals import CallerRateCheck, QueueCheck
 from panoloc.service.http.guards.host_check import HostCheck
 from panoloc.service.http.guards.slow_clients import SlowClients
+from panoloc.service.http.idempotency import Idempotency
 from panoloc.service.http.openapi import install_openapi
 from panoloc.service.http.request_context import RecentErrors, RequestContext
+from panoloc.service.http.responses import Compression, NotModified
 from panoloc.service.http.routes import QUERY_ROUTES, ROUTERS
 from panoloc.service.jobs import WorkerPool
 from panoloc.service.services import Services
@@ -27,6 +30,8 @@ _DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
 
 Positions are metres in the map's own frame, angles degrees, times UTC. Every error is a problem document (RFC 9457)."""
 
+# Of headers of answers, what pages of other origins may read.
+_EXPOSED = ["ETag", "Location", "RateLimit", "RateLimit-Policy", "Retry-After", "X-Request-Id"]
 _TAGS = {
     "maps": "Register scans, and look at what became of them.",
     "localization": "Find where images were taken.",
@@ -64,12 +69,26 @@ def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = N
     )
     app.state.services = services
     app.state.recent_errors = RecentErrors()
+    app.add_middleware(Idempotency, cache=cache)
+    app.add_middleware(NotModified)
     app.add_middleware(QueueCheck, services=services, routes=QUERY_ROUTES)
     app.add_middleware(CallerRateCheck, rates=services.rates)
     app.add_middleware(
-        HostCheck, allowed=host_names(settings.allowed_hosts), is_needed=lambda: not settings.keys.required
+        HostCheck,
+        allowed=host_names(settings.allowed_hosts),
+        origins=origins(settings.allowed_origins),
+        is_needed=lambda: not settings.keys.required,
     )
+    if settings.allowed_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=origins(settings.allowed_origins),
+            allow_methods=["*"],
+            allow_headers=["*"],
+            expose_headers=_EXPOSED,
+        )
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)
+    app.add_middleware(Compression)  # beyond what reads problems on their way out
     app.add_middleware(SlowClients, note_refusal=services.metrics.note_refusal)
     install_error_handlers(app)
     for router in ROUTERS:

@@ -5,6 +5,7 @@
     localization:{id}                   state, then answer              written by the HTTP process
     picture:{id}:{name}                 PNG                             written by the HTTP process
     of_map:{map}                        ids of the answers about a map  deleted with the map
+    once:{digest}                       answer of an Idempotency-Key    written by the HTTP process
     rate/{limit}/{caller}/…             what callers asked for          written by `panoloc.service.limits.caller_rates`
 
 `Cache` is the asynchronous side, for the HTTP process; `WorkerCache` the blocking side, for workers. Both connect when
@@ -17,7 +18,7 @@ import asyncio
 import json
 import time
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any
 
 import redis
@@ -34,6 +35,7 @@ _TIMEOUT_S = 5.0
 _RETRIES = 3
 _PROBE_S = 10
 _PROGRESS_LIFETIME_S = 600
+_ONCE_UNDER_WAY_S = 3600  # after which a request whose process is gone may be done again
 _RETRY_AFTER_S = 2
 # A server that loads its data, is full, or is only a replica for now is as good as away.
 _TEMPORARY = (BusyLoadingError, OutOfMemoryError, ReadOnlyError)
@@ -146,6 +148,30 @@ class Cache:
             found: Any = await self._redis.get(_picture_key(localization_id, name))
         return None if found is None else bytes(found)
 
+    async def forget_localization(self, localization_id: str) -> bool:
+        """Delete an answer or its state, and its pictures; return whether there was one."""
+        keys = [_picture_key(localization_id, name) for name in ARTIFACTS]
+        async with _down_is_said_async():
+            found: Any = await self._redis.delete(_localization_key(localization_id))
+            await self._redis.unlink(*keys)
+        return bool(found)
+
+    async def begin_once(self, name: str, length: str) -> bytes | None:
+        """Note that a request of so many bytes begins that shall be done once; return what was noted of it before, None for nothing."""
+        async with _down_is_said_async():
+            key, begun = _once_key(name), _json({"length": length})
+            found: Any = await self._redis.set(key, begun, ex=_ONCE_UNDER_WAY_S, nx=True, get=True)
+        return None if found is None else bytes(found)
+
+    async def end_once(self, name: str, answer: Mapping[str, Any] | None) -> None:
+        """Keep the answer to such a request; None: it may be done again."""
+        with suppress(CacheDownError):  # the answer is sent all the same
+            async with _down_is_said_async():
+                if answer is None:
+                    await self._redis.unlink(_once_key(name))
+                else:
+                    await self._redis.set(_once_key(name), _json(answer), ex=self._result_lifetime_s)
+
     async def forget_revision(self, ref: MapRef) -> None:
         """Delete index and progress of one revision."""
         async with _down_is_said_async():
@@ -182,6 +208,10 @@ def _progress_key(ref: MapRef) -> str:
 
 def _localization_key(localization_id: str) -> str:
     return f"localization:{localization_id}"
+
+
+def _once_key(name: str) -> str:
+    return f"once:{name}"
 
 
 def _picture_key(localization_id: str, name: str) -> str:

@@ -110,6 +110,12 @@ class BatchNotFoundError(RequestError):
     problem = Problem("batch-not-found", "There is no such batch", 404, "Send the images again.")
 
 
+class KeyReusedError(RequestError):
+    """An `Idempotency-Key` is of another request."""
+
+    problem = Problem("idempotency-key-reused", "The key is of another request", 422, "Use a new Idempotency-Key.")
+
+
 class BatchLimitError(RequestError):
     """There are as many batches as allowed."""
 
@@ -212,6 +218,12 @@ class QueueFullError(TryAgainError):
     def __init__(self, message: str, retry_after_s: int = 2, limit: Literal["queue", "deadline"] = "queue") -> None:
         super().__init__(message, retry_after_s)
         self.limit: Literal["queue", "deadline"] = limit
+
+
+class RequestUnderWayError(TryAgainError):
+    """The same request, by its `Idempotency-Key`, is still being answered."""
+
+    problem = Problem("request-under-way", "The same request is still being answered", 409, _LATER)
 
 
 class BytesInFlightError(TryAgainError):

@@ -4,6 +4,7 @@ import ipaddress
 import re
 
 _NAME = re.compile(r"[\w-]+(\.[\w-]+)*\.?")
+_ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://[^/?#\s*]+")
 
 
 def host_names(text: str) -> list[str]:
@@ -13,6 +14,17 @@ def host_names(text: str) -> list[str]:
         if name != "*" and not _NAME.fullmatch(name):
             raise ValueError(f"expected names such as panoloc.example.org, without https:// and port, got {name!r}")
     return [name.rstrip(".") for name in names]
+
+
+def origins(text: str) -> list[str]:
+    """Return the origins in a text, separated by commas; `*` stands for all. Raises ValueError for what no `Origin` header names."""
+    found = [name.strip().rstrip("/").lower() for name in text.split(",") if name.strip()]
+    for name in found:
+        if name != "*" and not _ORIGIN.fullmatch(name):
+            raise ValueError(
+                f"expected origins such as https://app.example.org, with scheme and without path, got {name!r}"
+            )
+    return found
 
 
 def is_loopback(host: str) -> bool:

@@ -57,7 +57,7 @@ class Localizations:
     storage: Storage
     metrics: Metrics
     changes: ChangeLog
-    _under_way: set[asyncio.Task[Localization]] = field(default_factory=set, init=False)
+    _under_way: dict[str, asyncio.Task[Localization]] = field(default_factory=dict, init=False)
 
     async def answer(self, query: LocalizeRequest) -> Localization:
         """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and the errors of the pool."""
@@ -80,8 +80,8 @@ class Localizations:
         running = {**pending, "status": "running", "due_unix_s": time.time() + query.options.timeout_s}
         await self.cache.put_state(localization_id, running, extra_s=query.options.timeout_s)
         task = asyncio.create_task(self._answer_later(query, chosen, pending))
-        self._under_way.add(task)
-        task.add_done_callback(self._under_way.discard)
+        self._under_way[localization_id] = task
+        task.add_done_callback(lambda _: self._under_way.pop(localization_id, None))
         task.add_done_callback(lambda _: when_done())
         task.add_done_callback(lambda done: done.cancelled() or done.exception())
         await asyncio.wait({task}, timeout=_ADMISSION_S)
@@ -100,6 +100,15 @@ class Localizations:
             return {**found, "status": "failed", "error": problem_document(error, found["id"])}
         return found
 
+    async def forget(self, localization_id: str) -> None:
+        """Cancel a query whose answer is fetched later, or delete an answer and its pictures. Raises LocalizationNotFoundError."""
+        task = self._under_way.pop(localization_id, None)
+        if task is not None:
+            task.cancel()
+            await asyncio.wait({task})
+        if not await self.cache.forget_localization(localization_id):
+            raise _unknown(localization_id, self.settings.result_ttl_s)
+
     async def picture(self, localization_id: str, name: str) -> bytes:
         """Return a PNG of an answer. Raises LocalizationNotFoundError, also when the query did not ask for it."""
         data = await self.cache.get_picture(localization_id, name)
@@ -113,7 +122,7 @@ class Localizations:
 
     async def stop(self, drain_s: float) -> None:
         """Wait up to `drain_s` for the queries whose answer is fetched later, then cancel them."""
-        under_way = set(self._under_way)
+        under_way = set(self._under_way.values())
         if under_way:
             await asyncio.wait(under_way, timeout=drain_s)
         for task in under_way:

@@ -9,7 +9,7 @@ from pydantic import AliasChoices, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from panoloc.core.options import MAX_PIXELS, Method, ScanOptions
-from panoloc.service.host_names import host_names
+from panoloc.service.host_names import host_names, origins
 from panoloc.service.jobs import PAPER_TIMEOUT_S
 from panoloc.service.keys.issuer_keys import IssuerKeys, is_url, read_keys
 from panoloc.service.keys.key_ring import KeyRing, callers_of_setting
@@ -137,6 +137,11 @@ class Settings(BaseSettings):
         description="Without keys: host names of the service, besides addresses, `localhost` and the machine's own "
         "name; separated by commas; `*` for all.",
     )
+    allowed_origins: str = Field(
+        "",
+        description="Origins of web pages that may call the service from browsers, such as `https://app.example.org`; separated by "
+        "commas; `*` for all.",
+    )
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Log level.")
     log_format: Literal["console", "json"] = Field("console", description="Readable log, or one JSON object per line.")
@@ -158,6 +163,11 @@ class Settings(BaseSettings):
     @classmethod
     def _hosts_are_names(cls, value: str) -> str:
         return ",".join(host_names(value))
+
+    @field_validator("allowed_origins")
+    @classmethod
+    def _origins_are_origins(cls, value: str) -> str:
+        return ",".join(origins(value))
 
     @field_validator("oidc_keys")
     @classmethod

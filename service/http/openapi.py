@@ -32,6 +32,16 @@ _MODELS: tuple[type[BaseModel], ...] = (
 )
 
 
+IDEMPOTENT_PATHS = frozenset(("/maps", "/localize", "/batches"))
+"""Whose POST requests are done once for each `Idempotency-Key`."""
+
+_IDEMPOTENCY_KEY = {
+    "name": "Idempotency-Key",
+    "in": "header",
+    "required": False,
+    "description": "Any text without spaces. The same request with the same key is not done again: its answer is sent again.",
+    "schema": {"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[!-~]+$"},
+}
 _NULL = "\0null"  # FastAPI leaves nulls out, also of examples
 
 
@@ -174,12 +184,14 @@ def _put_nulls_back(node: Any) -> None:
 
 
 def _correct_operations(document: dict[str, Any]) -> None:
-    """Remove FastAPI's own 422, which this service never sends, and say that keys are optional."""
-    for operations in document["paths"].values():
-        for operation in operations.values():
+    """Remove FastAPI's own 422, which this service never sends, and say that keys are optional, and which requests can be sent again."""
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
             answer = operation.get("responses", {}).get("422", {})
             if "HTTPValidationError" in str(answer):
                 del operation["responses"]["422"]
+            if path in IDEMPOTENT_PATHS and method == "post":
+                operation.setdefault("parameters", []).append(_IDEMPOTENCY_KEY)
             if operation.get("security"):
                 operation["security"].insert(0, {})  # keys are asked for only where the operator has set some
     for name in ("HTTPValidationError", "ValidationError"):

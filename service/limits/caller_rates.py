@@ -76,6 +76,14 @@ class CallerRates:
             retry_after_s,
         )
 
+    async def headers(self, caller: str) -> dict[str, str]:
+        """Return what a caller may know of his requests (IETF draft "RateLimit header fields for HTTP"); empty without a limit."""
+        limit = self.limits.requests_per_minute
+        if limit is None:
+            return {}
+        num_left, wait_s = await self._counted(lambda counts: counts.left(caller))
+        return {"RateLimit-Policy": f'"requests";q={limit};w=60', "RateLimit": f'"requests";r={num_left};t={wait_s}'}
+
     async def spend(self, caller: str, num_bytes: int) -> None:
         """Count the bytes that a request brought."""
         if num_bytes:
@@ -114,6 +122,12 @@ class _Counts:
         if self._requests is not None and not await self._sliding.hit(self._requests, caller):
             return "request-rate", await _wait_s(self._sliding, self._requests, caller)
         return None
+
+    async def left(self, caller: str) -> tuple[int, int]:
+        """Return how many requests are left, and in how many seconds there are more."""
+        assert self._requests is not None, "there is a limit of requests"
+        window = await self._sliding.get_window_stats(self._requests, caller)
+        return max(0, window.remaining), max(0, math.ceil(window.reset_time - time.time()))
 
     async def spend(self, caller: str, num_bytes: int) -> None:
         """Count bytes."""

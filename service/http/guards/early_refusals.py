@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 
 from fastapi.routing import APIRoute
+from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -66,6 +67,12 @@ class CallerRateCheck:
         except RateError as error:
             await self._pace.refuse(error, scope, receive, send)
             return
+        told = await self._rates.headers(caller)
+
+        async def telling_send(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(raw=message["headers"]).update(told)
+            await send(message)
 
         async def counting_receive() -> Message:
             nonlocal num_bytes
@@ -74,7 +81,7 @@ class CallerRateCheck:
             return message
 
         try:
-            await self._app(scope, counting_receive, send)
+            await self._app(scope, counting_receive, telling_send)
         finally:
             # The bytes are known only now: the one request that goes beyond the limit is answered.
             await self._rates.spend(caller, num_bytes)

@@ -22,8 +22,11 @@ class HostCheck:
     """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all. is_needed:
     while no key is."""
 
-    def __init__(self, app: ASGIApp, allowed: Collection[str], is_needed: Callable[[], bool]) -> None:
+    def __init__(
+        self, app: ASGIApp, allowed: Collection[str], origins: Collection[str], is_needed: Callable[[], bool]
+    ) -> None:
         self._app = app
+        self._origins = frozenset(origins)
         self._is_needed = is_needed
         self._allowed = {name.lower() for name in allowed} | {"localhost", socket.gethostname().lower()}
 
@@ -46,12 +49,14 @@ class HostCheck:
                 "ask the operator to add the name to PANOLOC_ALLOWED_HOSTS, or to set API keys"
             )
         host = hosts[0].lower() if hosts else ""
+        if origins and ("*" in self._origins or {origin.lower() for origin in origins} <= self._origins):
+            return None
         is_foreign = any(urlsplit(origin).netloc.lower() != host for origin in origins)
         if method not in _HARMLESS and (is_foreign or headers.get("sec-fetch-site") in ("cross-site", "same-site")):
             got = (", ".join(origins) or "another page")[:80]
             return HostCheckError(
                 f"expected a change from a program or from a page of this service, got one from {got!r}; "
-                "to allow pages of other sites, set API keys"
+                "to allow pages of other sites, name them in PANOLOC_ALLOWED_ORIGINS"
             )
         return None
 

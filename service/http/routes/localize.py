@@ -15,7 +15,15 @@ from panoloc.core.options import MAX_IMAGES
 from panoloc.service.answer import Localization, picture_path
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, require
-from panoloc.service.http.openapi import accepted_response, file_response, files_part, json_part, kept_nulls, multipart
+from panoloc.service.http.openapi import (
+    accepted_response,
+    file_response,
+    files_part,
+    json_part,
+    kept_nulls,
+    multipart,
+    nothing_left,
+)
 from panoloc.service.http.query_images import query_images
 from panoloc.service.http.schemas.examples import (
     LOCALIZATION_EXAMPLE,
@@ -198,6 +206,19 @@ async def get_localization(request: Request, localization_id: str) -> Response:
     found = await services_of(request).localizations.get(localization_id)
     waiting = found["status"] in ("queued", "running")
     return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)
+
+
+@router.delete(
+    "/localizations/{localization_id}",
+    summary="Cancel a query, or delete its answer",
+    dependencies=[Depends(require("localize"))],
+    status_code=204,
+    responses=nothing_left(*_ERRORS),
+)
+async def delete_localization(request: Request, localization_id: str) -> Response:
+    """Cancel a query with `Prefer: respond-async` that has no answer yet; or delete the answer and its pictures."""
+    await services_of(request).localizations.forget(localization_id)
+    return Response(status_code=204)
 
 
 def _offer_picture(name: str, summary: str, description: str) -> None:

@@ -34,7 +34,7 @@ CONTRACT = {
     "/maps/{map_id}/points": {"get"},
     "/maps/{map_id}/starts": {"get"},
     "/localize": {"post"},
-    "/localizations/{localization_id}": {"get"},
+    "/localizations/{localization_id}": {"get", "delete"},
     "/localizations/{localization_id}/score-map-2d.png": {"get"},
     "/localizations/{localization_id}/score-map-3d.png": {"get"},
     "/localizations/{localization_id}/overlay.png": {"get"},
