@@ -164,7 +164,7 @@ class SessionOptions:
     """What is known of the poses of a session.
 
     up_known: the session's up axis is against gravity. position_noise_m, orientation_noise_deg: standard deviations of the tracking
-    between images; poses within a session are not refined yet, so that nothing reads them.
+    between images, which widen the radii of the answer.
     """
 
     up_known: bool = False

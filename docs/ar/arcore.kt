@@ -48,6 +48,8 @@ class PlaceFinder {
         val reply = client.newCall(Request.Builder().url("$service/localize").post(form.build()).build()).execute()
         val answer = JSONObject(reply.use { it.body!!.string() })
         check(reply.code == 200) { answer.getString("detail") }
+        val warnings = answer.getJSONArray("warnings")
+        for (number in 0 until warnings.length()) Log.w("panoloc", warnings.getString(number))
         if (answer.getString("status") != "localized") return null
         val found = answer.getJSONObject("map_from_session")
         val t = found.getJSONObject("position_m")
@@ -67,13 +69,15 @@ fun place(x: Float, y: Float, z: Float, sessionFromMap: Pose, session: Session):
 
 fun jpegOf(image: Image): ByteArray {
     val (luma, u, v) = image.planes
+    // Copied at once: every read of a plane's buffer is a call into native code.
+    val (lumaBytes, uBytes, vBytes) = image.planes.map { ByteArray(it.buffer.remaining()).also(it.buffer::get) }
     val nv21 = ByteArray(image.width * image.height * 3 / 2)
     var at = 0
     for (row in 0 until image.height) for (column in 0 until image.width)
-        nv21[at++] = luma.buffer[row * luma.rowStride + column * luma.pixelStride]
+        nv21[at++] = lumaBytes[row * luma.rowStride + column * luma.pixelStride]
     for (row in 0 until image.height / 2) for (column in 0 until image.width / 2) {
-        nv21[at++] = v.buffer[row * v.rowStride + column * v.pixelStride]
-        nv21[at++] = u.buffer[row * u.rowStride + column * u.pixelStride]
+        nv21[at++] = vBytes[row * v.rowStride + column * v.pixelStride]
+        nv21[at++] = uBytes[row * u.rowStride + column * u.pixelStride]
     }
     val jpeg = ByteArrayOutputStream()
     YuvImage(nv21, ImageFormat.NV21, image.width, image.height, null)

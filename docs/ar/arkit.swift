@@ -11,6 +11,7 @@ struct Shot {
 struct Answer: Decodable {
     struct Motion: Decodable { let matrix: [[Float]] }
     let status: String
+    let warnings: [String]
     let map_from_session: Motion?
 }
 
@@ -67,6 +68,7 @@ final class PlaceFinder: NSObject, ARSessionDelegate {
             throw NSError(domain: "panoloc", code: 1, userInfo: [NSLocalizedDescriptionKey: problem])
         }
         let answer = try JSONDecoder().decode(Answer.self, from: data)
+        answer.warnings.forEach { print($0) }
         guard answer.status == "localized", let found = answer.map_from_session else { return nil }
         let mapFromSession = simd_float4x4(rows: found.matrix.map { simd_float4($0) })
         return mapFromSession.inverse

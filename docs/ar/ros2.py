@@ -1,11 +1,14 @@
 """Collects frames of a ROS 2 camera, localizes them with panoloc and publishes `map` to `odom`: docs/ar.md."""
 
 import json
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import rclpy
 import requests
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from tf2_ros import Buffer, StaticTransformBroadcaster, TransformException, TransformListener
@@ -33,16 +36,19 @@ def entry(info, odom_from_optical):
 
 
 def localize(service, map_id, shots):
-    """Return map_from_session, or None when not localized."""
+    """Return the answer. Where the service is busy or away, ask again for half a minute."""
     options = {"frame": "opencv", "cameras": [camera for _, camera in shots], "session": {"up": "known"}}
     images = [("image", (f"{number}.jpg", jpeg, "image/jpeg")) for number, (jpeg, _) in enumerate(shots)]
-    reply = requests.post(
-        f"{service}/localize", files=images, data={"map_id": map_id, "options": json.dumps(options)}, timeout=90
-    )
-    answer = reply.json()
+    form = {"map_id": map_id, "options": json.dumps(options)}
+    until = time.monotonic() + 30
+    while True:
+        reply = requests.post(f"{service}/localize", files=images, data=form, timeout=90)
+        if reply.status_code not in (429, 503) or time.monotonic() > until:
+            break
+        time.sleep(float(reply.headers.get("Retry-After", 2)))
     if reply.status_code != 200:
-        raise RuntimeError(answer["detail"])
-    return answer["map_from_session"] if answer["status"] == "localized" else None
+        raise RuntimeError(reply.json()["detail"])
+    return reply.json()
 
 
 def map_from_odom(found, stamp):
@@ -64,12 +70,13 @@ class PlaceFinder(Node):
     def __init__(self, service, map_id):
         super().__init__("place_finder")
         self.service, self.map_id, self.shots, self.turns = service, map_id, [], []
-        self.info = self.image = None
+        self.info = self.image = self.asked = None
+        self.asking = ThreadPoolExecutor(1)  # an answer takes longer than callbacks may
         self.buffer = Buffer()
         self.listener = TransformListener(self.buffer, self)
         self.broadcaster = StaticTransformBroadcaster(self)
-        self.create_subscription(CameraInfo, "camera_info", self.on_info, 1)
-        self.create_subscription(CompressedImage, "image_raw/compressed", self.on_image, 1)
+        self.create_subscription(CameraInfo, "camera_info", self.on_info, qos_profile_sensor_data)
+        self.create_subscription(CompressedImage, "image_raw/compressed", self.on_image, qos_profile_sensor_data)
         self.create_timer(1.0, self.on_timer)
 
     def on_info(self, message):
@@ -83,6 +90,9 @@ class PlaceFinder(Node):
     def on_timer(self):
         """Take the frame if it shows a new direction; localize after six."""
         image, self.image = self.image, None
+        if self.asked is not None:
+            self.take_answer()
+            return
         if image is None or self.info is None:
             return
         try:
@@ -97,10 +107,22 @@ class PlaceFinder(Node):
         self.turns.append(turn)
         self.shots.append((bytes(image.data), entry(self.info, found.transform)))
         if len(self.shots) == 6:
-            placed = localize(self.service, self.map_id, self.shots)
-            self.shots, self.turns = [], []
-            if placed is not None:
-                self.broadcaster.sendTransform(map_from_odom(placed, image.header.stamp))
+            self.asked = self.asking.submit(localize, self.service, self.map_id, self.shots)
+            self.stamp, self.shots, self.turns = image.header.stamp, [], []
+
+    def take_answer(self):
+        """Publish the answer once it is there; where there is none, say why and collect new frames."""
+        if not self.asked.done():
+            return
+        asked, self.asked = self.asked, None
+        if asked.exception() is not None:
+            self.get_logger().error(f"no answer: {asked.exception()}")
+            return
+        answer = asked.result()
+        for warning in answer["warnings"]:
+            self.get_logger().warning(warning)
+        if answer["status"] == "localized":
+            self.broadcaster.sendTransform(map_from_odom(answer["map_from_session"], self.stamp))
 
 
 def main():

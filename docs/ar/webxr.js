@@ -43,6 +43,7 @@ async function sessionFromMap(service, mapId) {
   const reply = await fetch(`${service}/localize`, { method: "POST", body: form });
   const answer = await reply.json();
   if (!reply.ok) throw new Error(answer.detail);
+  for (const warning of answer.warnings) console.warn(warning);
   if (answer.status !== "localized") return null;
   const { position_m, quaternion } = answer.map_from_session;
   const mapFromSession = new XRRigidTransform(position_m, quaternion);
