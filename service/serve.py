@@ -114,7 +114,9 @@ def _serve(settings: Settings, storage: Storage, claim: BucketClaim | None) -> s
     assert settings.redis_url is not None
     pool = build_pool(settings, settings.redis_url)
     app = create_app(settings, pool, storage)
-    server = DrainingServer(server_config(app, host=settings.host, port=settings.port), pool, settings.drain_s)
+    tls = {"ssl_certfile": settings.tls_cert, "ssl_keyfile": settings.tls_key}
+    config = server_config(app, host=settings.host, port=settings.port, **tls)
+    server = DrainingServer(config, pool, settings.drain_s)
     if claim is not None:
         claim.call_when_lost(server.end)
     server.run()

@@ -1,6 +1,7 @@
 """Everything that an operator may set, read from environment variables with the prefix `PANOLOC_`."""
 
 import os
+import ssl
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, Self
@@ -30,6 +31,11 @@ class Settings(BaseSettings):
 
     host: str = Field("127.0.0.1", description="Address to listen on; `0.0.0.0` for all.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
+    tls_cert: Path | None = Field(
+        None,
+        description="Certificate (PEM, with its chain): the service speaks HTTPS. `panoloc certificate` makes one.",
+    )
+    tls_key: Path | None = Field(None, description="Private key of the certificate (PEM).")
     data_dir: Path = Field(
         Path("panoloc-data"),
         description="Folder for all durable data: scans, map records, batches, keys and the audit log.",
@@ -145,6 +151,19 @@ class Settings(BaseSettings):
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Log level.")
     log_format: Literal["console", "json"] = Field("console", description="Readable log, or one JSON object per line.")
+
+    @model_validator(mode="after")
+    def _certificate_fits_its_key(self) -> Self:
+        if (self.tls_cert is None) != (self.tls_key is None):
+            raise ValueError("expected both PANOLOC_TLS_CERT and PANOLOC_TLS_KEY, or neither")
+        if self.tls_cert is not None:
+            try:
+                ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.tls_cert, self.tls_key, password="")
+            except (OSError, ValueError) as error:
+                raise ValueError(
+                    f"expected a certificate and its key without a password in {self.tls_cert} and {self.tls_key}: {error}"
+                ) from error
+        return self
 
     @field_validator("storage")
     @classmethod

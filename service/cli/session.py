@@ -35,7 +35,8 @@ def default_url() -> str:
     """Return the URL of a service that was started with the same environment."""
     host = os.environ.get("PANOLOC_HOST", "127.0.0.1")
     reachable = "127.0.0.1" if host in ("", "0.0.0.0", "::") else host
-    return f"http://{reachable}:{os.environ.get('PANOLOC_PORT', '8000')}"
+    scheme = "https" if os.environ.get("PANOLOC_TLS_CERT") else "http"
+    return f"{scheme}://{reachable}:{os.environ.get('PANOLOC_PORT', '8000')}"
 
 
 DEFAULT_URL = default_url()
