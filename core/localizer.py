@@ -201,7 +201,7 @@ class Localizer:
 
 def why_nothing_fits(rig: Rig, hints: Hints | None) -> tuple[Remark, ...]:
     """Say what may be wrong with a rig that no pose fits well."""
-    reasons = [] if hints is None else [_HINTS_MAY_BE_WRONG]
+    reasons = [_HINTS_MAY_BE_WRONG] if hints is not None and hints.is_narrowing else []
     photos = rig.photos
     if len(photos) > 1:
         reasons.append(_CAMERAS_MAY_BE_WRONG)

@@ -4,7 +4,7 @@ Neither torch nor numpy, so that whoever takes requests can make these values wi
 and every limit of a choice stands here once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 from panoloc.core.errors import OptionsError, ScanTooLargeError
@@ -123,13 +123,28 @@ class IndexOptions:
 
 
 @dataclass(frozen=True)
+class PosePrior:
+    """Where the caller expects the first camera: `map_from_camera` in the axes of `frame`.
+
+    position_m: (x, y, z), metres. quaternion_xyzw: a unit quaternion. position_std_m, orientation_std_deg: standard deviations.
+    """
+
+    position_m: Vector
+    quaternion_xyzw: tuple[float, float, float, float]
+    frame: Frame = "ros"
+    position_std_m: float = 0.3
+    orientation_std_deg: float = 5.0
+
+
+@dataclass(frozen=True)
 class Hints:
-    """What the caller knows beforehand; every field narrows the search and is never exceeded by the answer.
+    """What the caller knows beforehand; every field but the last narrows the search and is never exceeded by the answer.
 
     position_m: (x, y, z) in the map's own frame, metres, with `radius_m` around it.
     region: ((min x, y, z), (max x, y, z)) in the map's own frame, metres.
     upright: the camera is level within `max_tilt_deg`.
     heading_deg: yaw of the image centre, counter-clockwise about z from +x, within `heading_tolerance_deg`.
+    prior: is looked at first, in a query of one map; it may be wrong, for then everything is searched.
     """
 
     position_m: Vector | None = None
@@ -139,6 +154,12 @@ class Hints:
     max_tilt_deg: float | None = None
     heading_deg: float | None = None
     heading_tolerance_deg: float | None = None
+    prior: PosePrior | None = None
+
+    @property
+    def is_narrowing(self) -> bool:
+        """Return whether there is any hint that the answer may not exceed."""
+        return replace(self, prior=None) != Hints()
 
     @property
     def most_tilt_deg(self) -> float | None:

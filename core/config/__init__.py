@@ -17,6 +17,7 @@ from panoloc.core.config.refinement import (
 )
 from panoloc.core.config.search import (
     FocalConfig,
+    PriorConfig,
     SearchConfig,
 )
 
@@ -39,6 +40,7 @@ __all__ = [
     "PaperConfig",
     "PoseDistance",
     "PoseDistances",
+    "PriorConfig",
     "RefinementConfig",
     "RenderingConfig",
     "SearchConfig",

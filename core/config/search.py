@@ -51,6 +51,17 @@ class SearchConfig:
 
 
 @dataclass(frozen=True)
+class PriorConfig:
+    """A pose that the caller expects (see `panoloc.core.query.rounds.poses_of_prior`), metres."""
+
+    basin_m: float = 0.3  # refinement comes back from; where a prior may be farther off, it begins beside it as well
+    farthest_m: float = 1.0  # that it begins beside it
+    margin: float = (
+        0.3  # nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere
+    )
+
+
+@dataclass(frozen=True)
 class FocalConfig:
     """Focal lengths that are not known for certain (see `panoloc.core.query.focal_lengths`). Steps and bounds: of the logarithm."""
 

@@ -136,8 +136,8 @@ def alias_margins(best: Hypothesis, rivals: Sequence[Hypothesis]) -> tuple[float
 
 def _margin(best: Hypothesis, rivals: Sequence[Hypothesis]) -> float:
     """Return by how much a score is over that of the best rival, as a share of it, within `_FAR_AHEAD` either way."""
-    rival = max((each.score for each in rivals), default=0.0)
-    return max(-_FAR_AHEAD, min(_FAR_AHEAD, 1 - rival / max(best.score, 1e-6)))
+    rival, most = max((each.score for each in rivals), default=0.0), best.measures.get("most_margin", _FAR_AHEAD)
+    return max(-_FAR_AHEAD, min(most, 1 - rival / max(best.score, 1e-6)))
 
 
 def _times_nearer(share: float) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import DISTANCES, LocalizerConfig
 from panoloc.core.decide.accuracy import RIGHT, Accuracy
+from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import (
     Hypothesis,
     by_map,
@@ -42,7 +43,8 @@ class _Full:
 class Contest:
     """The poses of one query.
 
-    hypotheses: those that are left, best first. comparison: how the scan compares at the best.
+    hypotheses: those that are left, best first. comparison: how the scan compares at the best. most_margin: by how much a pose may be
+    taken to fit better than others, where only few were looked at.
     """
 
     def __init__(self, rig: Rig, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
@@ -51,6 +53,7 @@ class Contest:
         self.refinement = Refinement(queries, config, clock)
         self.hypotheses: list[Hypothesis] = []
         self.comparison: Comparison | None = None
+        self.most_margin: float | None = None
         self._coarse: list[Hypothesis] = []  # by score
         self._medium: list[Hypothesis] = []  # by score
         self._before: list[Hypothesis] = []  # those of the medium stage, as they were before
@@ -62,6 +65,15 @@ class Contest:
         """Take poses in, refine those that may win as far as it takes, and rank all anew."""
         self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], DISTANCES.same)
         self._rank()
+
+    def add_promising(self, proposed: Sequence[Hypothesis], model: ConfidenceModel) -> bool:
+        """Take poses in as `add` does where the best of them may be sure in the end; else only as rivals of others. Return which."""
+        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], DISTANCES.same)
+        settled = [self._limited(h) for h in self._settle(self._coarse)]
+        is_promising = any(model.confidence(h, []) >= model.threshold / 2 for h in settled)
+        if is_promising:
+            self._rank()
+        return is_promising
 
     def add_aliases(self, aliases: Sequence[Hypothesis]) -> None:
         """Take in poses from which all of the scan looks as from the best: they go as far as it where they fit hardly worse."""
@@ -132,8 +144,15 @@ class Contest:
         least = self._least_of(self._medium)
         close += [h for h in self._settled_aliases if h.score >= least and all(h is not other for other in close)]
         self._finish(close)
+        self.hypotheses = [self._limited(h) for h in self.hypotheses]
         least = self._least_of(self.hypotheses)
         self.hypotheses = with_aliases(self.hypotheses, self._aliases, DISTANCES.elsewhere, least)
+
+    def _limited(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Return a hypothesis that fits no better than others by more than it may be taken to."""
+        if self.most_margin is None:
+            return hypothesis
+        return replace(hypothesis, measures=hypothesis.measures | {"most_margin": self.most_margin})
 
     def _least_of(self, ranked: Sequence[Hypothesis]) -> float:
         """Return the least score of poses that may still win against those that are ranked."""

@@ -1,6 +1,7 @@
 """The engine. The order of the steps of a query is written here and nowhere else:
 
-prepare → for each round: propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
+prepare → refine and judge where the caller expects the rig
+→ unless that is sure, for each round: propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
 → the same for aliases of the best pose, and for other focal lengths.
 """
 
@@ -16,7 +17,7 @@ from panoloc.core.options import Hints
 from panoloc.core.query.contest import Contest
 from panoloc.core.query.focal_lengths import focal_prior, guesses
 from panoloc.core.query.map_query import MapQuery, prepare_queries
-from panoloc.core.query.rounds import aliases_of_pose, propose, rounds_of
+from panoloc.core.query.rounds import aliases_of_pose, poses_of_prior, propose, rounds_of
 from panoloc.core.stage_clock import StageClock
 
 
@@ -35,7 +36,9 @@ class Engine:
         with clock.stage("prepare"):
             queries = prepare_queries(rig, maps, hints, self.config)
         contest = Contest(rig, queries, self.config, clock)
-        num_starts, num_poses = self._search(queries, contest, clock)
+        num_starts, num_poses = 0, 0
+        if not self._is_where_expected(queries, hints, contest):
+            num_starts, num_poses = self._search(queries, contest, clock)
         if self.is_answer(contest):
             with clock.stage("search"):
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
@@ -54,6 +57,17 @@ class Engine:
             contest.noise,
             rig,
         )
+
+    def _is_where_expected(self, queries: Sequence[MapQuery], hints: Hints | None, contest: Contest) -> bool:
+        """Return whether an answer is sure that the caller expects: then nothing is searched."""
+        if hints is None or hints.prior is None or len(queries) != 1:
+            return False
+        contest.most_margin = self.config.prior.margin
+        # The last steps take the most time; what fits badly before them is not sure after them.
+        if contest.add_promising(poses_of_prior(queries[0], hints.prior), self.confidence) and self.is_sure(contest):
+            return True
+        contest.most_margin = None
+        return False
 
     def _search(self, queries: Sequence[MapQuery], contest: Contest, clock: StageClock) -> tuple[int, int]:
         """Take rounds of search until an answer is sure; return how many starts there were, and poses scored."""

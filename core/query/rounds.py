@@ -8,8 +8,10 @@ import torch
 
 from panoloc.core.config import SearchConfig
 from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.map.aliases import aliases_in_another_map
+from panoloc.core.options import PosePrior
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.search.candidates import MapCandidates
 from panoloc.core.search.map_search import search_maps
@@ -62,6 +64,22 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
         sum(part.num_starts for part in found),
         sum(part.num_poses for part in found),
     )
+
+
+def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
+    """Return poses of the rig where the caller expects its first camera; around them as well where that is uncertain."""
+    index, rig = query.index, query.rig.pyramid
+    camera = Pose.from_frame(prior.position_m, prior.quaternion_xyzw, prior.frame)
+    rotation = torch.from_numpy(camera.rotation).to(index.starts) @ rig.rotations[0].T
+    middle = torch.from_numpy(camera.position - index.origin_offset).to(index.starts) - rotation @ rig.centers[0]
+    reach_m = min(prior.position_std_m, query.config.prior.farthest_m)
+    sides = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)] if reach_m > query.config.prior.basin_m else [(0, 0)]
+    poses = []
+    for x, y in sides:
+        place = middle + reach_m * middle.new_tensor([x, y, 0.0])
+        start = int((index.starts - place).norm(dim=1).argmin())
+        poses.append(Hypothesis(query.number, start, rotation, place))
+    return [pose for pose in poses if query.allows(pose)]
 
 
 def aliases_of_pose(queries: Sequence[MapQuery], found: Hypothesis) -> list[Hypothesis]:

@@ -154,6 +154,8 @@ def query_of(
 ) -> LocalizeRequest:
     """Put a query together. Raises InvalidOptionsError, and exceptions of `core` for what is no image, or too large."""
     settings = services_of(request).settings
+    if options.hints is not None and options.hints.prior is not None and len(maps.map_ids) != 1:
+        raise InvalidOptionsError.of("hints.prior", "expected a query of one map_id, for the pose is in a map; name it")
     query = query_images(images, masks, options)
     with limited_by("PANOLOC_MAX_PIXELS"):
         opened = open_images(images, IMAGE, settings.max_pixels)

@@ -7,10 +7,16 @@ from pydantic import Field
 
 from panoloc.service.answer import Localization, ResponseModel
 from panoloc.service.http.schemas.operations import ProblemDocument
-from panoloc.service.http.schemas.queries import Camera, LocalizeOptions
+from panoloc.service.http.schemas.queries import Camera, Hints, LocalizeOptions
 
 BatchStatus = Literal["queued", "running", "done"]
 ItemStatus = Literal["waiting", "localized", "ambiguous", "not_localized", "failed"]
+
+
+class BatchHints(Hints):
+    """Hints for each image of a batch."""
+
+    prior: None = Field(None, description="Not in a batch: each image was taken elsewhere.")
 
 
 class BatchOptions(LocalizeOptions):
@@ -20,6 +26,7 @@ class BatchOptions(LocalizeOptions):
         None,
         description="Camera of all images, one entry. Without it, the camera comes from the metadata of each image.",
     )
+    hints: BatchHints | None = None
     session: None = Field(
         None, description="Not in a batch: each image is a separate query; send sessions to `POST /localize`."
     )

@@ -182,8 +182,45 @@ class TrackedSession(RequestModel):
         return SessionOptions(self.up == "known", self.position_noise_m, self.orientation_noise_deg)
 
 
+class ExpectedMotion(BaseModel):
+    """x_map = rotation · x_camera + position, in the axes of `frame`. Other fields of an answer are ignored."""
+
+    # `{}` is open as `true` is, but stays in the document of the API.
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False, json_schema_extra={"additionalProperties": {}})
+
+    position_m: SessionPosition
+    quaternion: SessionQuaternion
+
+
+class ExpectedPose(BaseModel):
+    """A pose in the form of an answer, such as its `pose`. Other fields of an answer are ignored."""
+
+    model_config = ExpectedMotion.model_config
+
+    frame: Frame
+    map_from_camera: ExpectedMotion
+
+
+class Prior(RequestModel):
+    """Where the first camera is expected."""
+
+    pose: ExpectedPose
+    position_std_m: Annotated[float, Field(gt=0, le=10)] = Field(
+        options.PosePrior.position_std_m, description="Standard deviation of each coordinate."
+    )
+    orientation_std_deg: Annotated[float, Field(gt=0, le=60)] = Field(
+        options.PosePrior.orientation_std_deg, description="Standard deviation of the rotation about each axis."
+    )
+
+    def to_options(self) -> options.PosePrior:
+        """Return the prior for the worker."""
+        place, turned = self.pose.map_from_camera.position_m, self.pose.map_from_camera.quaternion
+        position, quaternion = (place.x, place.y, place.z), (turned.x, turned.y, turned.z, turned.w)
+        return options.PosePrior(position, quaternion, self.pose.frame, self.position_std_m, self.orientation_std_deg)
+
+
 class Hints(RequestModel):
-    """Prior knowledge of the caller. Every hint narrows the search, and every answer satisfies it."""
+    """Prior knowledge of the caller. Every hint but `prior` narrows the search, and every answer satisfies it."""
 
     position_m: Vector | None = Field(None, description="Camera position in the map's own frame.")
     radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
@@ -195,10 +232,16 @@ class Hints(RequestModel):
         None, description=f"{DEFAULT_TILT_DEG:g} when only `upright` is given."
     )
     heading_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
-        None, description="Yaw of the image centre, counter-clockwise about z from +x."
+        None,
+        description="Yaw of the image centre, counter-clockwise about z from +x: the `yaw_deg` of an answer, not its `heading_deg`.",
     )
     heading_tolerance_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
         None, description=f"{DEFAULT_HEADING_TOLERANCE_DEG:g} by default."
+    )
+    prior: Prior | None = Field(
+        None,
+        description="A pose that is tried first, in a query of one map. It narrows nothing and may be wrong: where no answer is sure "
+        "there, everything is searched.",
     )
 
     @model_validator(mode="after")
@@ -218,6 +261,8 @@ class Hints(RequestModel):
             given["position_m"] = tuple(self.position_m)
         if self.region is not None:
             given["region"] = self.region.to_options()
+        if self.prior is not None:
+            given["prior"] = self.prior.to_options()
         return options.Hints(**given) if given else None
 
 

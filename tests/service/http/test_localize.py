@@ -8,17 +8,19 @@ from dataclasses import replace
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 import redis
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError, ScanContentError
+from panoloc.core.geometry.pose import Pose
 from panoloc.service.answer import Localization
 from panoloc.service.errors import QueueFullError, StoredFileMissingError, WorkerError
 from panoloc.service.http.routes.localize import checked_options
 from panoloc.service.http.schemas.queries import LocalizeOptions, PendingLocalization
 from panoloc.service.jobs import ARTIFACTS, QueryImage
 from panoloc.service.settings import Settings
-from tests.service.http.fake_pool import PNG, no_worker
+from tests.service.http.fake_pool import PNG, POSE, no_worker
 from tests.service.http.running_service import RunningService, png_of
 
 pytestmark = pytest.mark.anyio
@@ -261,3 +263,32 @@ async def test_a_query_needs_no_room_in_the_storage(running: RunningService, mon
     map_id = await running.ready_map()
     monkeypatch.setattr(running.storage, "spool_folder", lambda: pytest.fail("a query spools nothing"))
     assert (await running.localize(map_id)).status_code == 200
+
+
+@pytest.mark.parametrize("frame", ["ros", "webxr"])
+async def test_the_pose_of_an_answer_can_be_sent_as_a_prior_as_it_is(running: RunningService, frame: str) -> None:
+    map_id = await running.ready_map()
+    first = (await running.localize(map_id, options=json.dumps({"frame": frame}))).json()
+    prior = {"pose": first["pose"], "position_std_m": 0.5}
+    assert (await running.localize(map_id, options=json.dumps({"hints": {"prior": prior}}))).status_code == 200
+    hints = running.pool.jobs[-1].options.hints
+    assert hints is not None
+    assert hints.prior is not None
+    sent = hints.prior
+    found = Pose.from_frame(sent.position_m, sent.quaternion_xyzw, sent.frame)
+    np.testing.assert_allclose(found.matrix, POSE.matrix, atol=1e-9)
+    assert (sent.position_std_m, sent.orientation_std_deg, hints.is_narrowing) == (0.5, 5.0, False)
+
+
+async def test_a_prior_needs_one_map_and_a_pose(running: RunningService) -> None:
+    maps = [await running.ready_map() for _ in "12"]
+    pose = (await running.localize(maps[0])).json()["pose"]
+    for given, map_ids, said in (
+        ({"pose": pose}, maps, "hints.prior: expected a query of one map_id"),
+        ({"pose": {"frame": "ros"}}, maps[:1], "hints.prior.pose.map_from_camera: expected a value"),
+        ({"pose": pose, "position_std": 1}, maps[:1], "perhaps you mean position_std_m"),
+    ):
+        form = {"map_id": map_ids, "options": json.dumps({"hints": {"prior": given}})}
+        reply = await running.client.post("/localize", data=form, files={"image": ("photo.png", png_of(8, 4))})
+        assert reply.status_code == 422
+        assert said in reply.json()["detail"]

@@ -1,0 +1,80 @@
+"""A pose that the caller expects: it saves the search where it holds, and changes nothing where it does not."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.options import Frame, Hints, PosePrior
+from tests.core.built_maps import OTHER_BOX, POSE, SYMMETRIC, answer, localized, panorama
+from tests.core.found_pose import assert_found, best_of, known
+from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, session_of
+
+
+def expected(pose: Pose, frame: Frame = "ros") -> Hints:
+    """Return a prior, in the axes of a frame."""
+    given = pose.in_frame(frame)
+    x, y, z, w = given.quaternion_xyzw.tolist()
+    return Hints(prior=PosePrior(tuple(given.position.tolist()), (x, y, z, w), frame))
+
+
+def moved(pose: Pose, metres: tuple[float, float, float], yaw_deg: float) -> Pose:
+    """Return a pose beside another one."""
+    turn = rotation_from_vector(torch.tensor([0.0, 0.0, math.radians(yaw_deg)], dtype=torch.float64)).numpy()
+    return Pose(turn @ pose.rotation, pose.position + np.array(metres))
+
+
+@pytest.mark.parametrize("frame", ["ros", "opencv", "webxr", "unity"])
+def test_where_a_prior_holds_nothing_is_searched(frame: Frame) -> None:
+    found = localized(panorama(), hints=expected(moved(POSE, (0.2, -0.15, 0.05), 4.0), frame))
+    assert (found.status, found.search.num_starts, found.search.num_poses) == ("localized", 0, 0)
+    assert_found(found, POSE)
+    # Less sure than after a search: nobody has looked elsewhere.
+    assert best_of(found).confidence <= best_of(answer()).confidence
+
+
+@pytest.mark.slow
+def test_an_uncertain_prior_is_looked_at_from_several_sides() -> None:
+    prior = expected(moved(POSE, (0.7, -0.5, 0.0), 8.0)).prior
+    found = localized(panorama(), hints=Hints(prior=replace(known(prior), position_std_m=0.7)))
+    assert (found.status, found.search.num_starts) == ("localized", 0)
+    assert_found(found, POSE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("metres", [(2.0, -1.0, 0.0), (500.0, 0.0, 0.0)])
+def test_a_wrong_prior_changes_no_answer(metres: tuple[float, float, float]) -> None:
+    found = localized(panorama(), hints=expected(moved(POSE, metres, 120.0)))
+    assert (found.status, found.search.num_starts) == ("localized", answer().search.num_starts)
+    assert_found(found, POSE)
+    assert best_of(found).confidence == pytest.approx(best_of(answer()).confidence, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_prior_does_not_choose_between_places_that_look_the_same() -> None:
+    assert localized(SYMMETRIC.panorama(POSE), SYMMETRIC, hints=expected(POSE)).status == "ambiguous"
+
+
+@pytest.mark.slow
+def test_a_prior_makes_nothing_of_a_panorama_of_another_place() -> None:
+    found = localized(OTHER_BOX.panorama(POSE), hints=expected(POSE))
+    assert found.status == "not_localized"
+    assert not any("hints" in warning for warning in found.warnings)
+
+
+@pytest.mark.slow
+def test_the_prior_of_a_session_is_of_its_first_image() -> None:
+    first = MAP_FROM_SESSION.after(FOUR[0])
+    found = localized(session_of(FOUR), hints=expected(moved(first, (0.1, 0.1, 0.0), 3.0)))
+    assert (found.status, found.search.num_starts) == ("localized", 0)
+    assert_found(found, first)
+
+
+@pytest.mark.slow
+def test_a_prior_that_the_hints_exclude_is_not_looked_at() -> None:
+    hints = replace(expected(POSE), position_m=(4.3, 0.7, 1.4), radius_m=0.5)
+    assert localized(panorama(), hints=hints).status == "not_localized"
