@@ -70,7 +70,10 @@ def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(tmp_
         assert running.localize(query("answered")).answer.status == "localized"
 
 
-def test_each_of_several_workers_scores_a_share_of_many_maps_and_one_searches_the_likeliest(tmp_path: Path) -> None:
+def test_each_of_several_workers_scores_a_share_of_many_maps_and_one_searches_the_likeliest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process_pool, "_MOST_SEARCHED", 64)
     maps = tuple(f"map_{number}" for number in range(90))
     with running_pool(tmp_path, 3) as running:
         assert eventually(lambda: running.pool.state().num_workers == 3, 60)
@@ -84,17 +87,20 @@ def test_each_of_several_workers_scores_a_share_of_many_maps_and_one_searches_th
         assert running.localize(query("few", maps[:64])).answer.search["maps"] == list(maps[:64])
 
 
-def test_of_many_maps_those_that_cannot_be_built_are_left_out_wherever_they_are(tmp_path: Path) -> None:
-    whole, broken = tuple(f"map_{number}" for number in range(64)), ("map_broken_a", "map_broken_b")
+def test_of_many_maps_those_that_cannot_be_built_are_left_out_wherever_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process_pool, "_MOST_SEARCHED", 4)
+    whole, broken = tuple(f"map_{number}" for number in range(4)), ("map_broken_a", "map_broken_b")
     for name in whole:
         (tmp_path / f"{name}.1.index").touch()
     with running_pool(tmp_path, 2) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 60)
         job = query("most", (*whole, *broken), needs_index=True, scores={})
         answer = running.localize(job).answer
-        assert (answer.status, answer.search["num_maps"]) == ("localized", 64)
+        assert (answer.status, answer.search["num_maps"]) == ("localized", 4)
         assert sorted(answer.warnings) == [f"{name} was left out: its scan is damaged" for name in broken]
-        none = query("none", tuple(f"map_broken_{number}" for number in range(65)), needs_index=True, scores={})
+        none = query("none", tuple(f"map_broken_{number}" for number in range(5)), needs_index=True, scores={})
         with pytest.raises(StoredFileDamagedError, match="its scan is damaged"):
             running.localize(none)
 
