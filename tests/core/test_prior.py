@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 import torch
 
+from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.localizer import Localizer
 from panoloc.core.options import Frame, Hints, PosePrior
-from tests.core.built_maps import OTHER_BOX, POSE, SYMMETRIC, answer, localized, panorama
+from panoloc.core.query.rounds import poses_of_prior
+from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, answer, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known
 from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, session_of
+from tests.core.search.found_candidates import RIGS, query, query_of
 
 
 def expected(pose: Pose, frame: Frame = "ros") -> Hints:
@@ -35,6 +39,7 @@ def test_where_a_prior_holds_nothing_is_searched(frame: Frame) -> None:
     assert_found(found, POSE)
     # Less sure than after a search: nobody has looked elsewhere.
     assert best_of(found).confidence <= best_of(answer()).confidence
+    assert known(found.evidence).features["margin"] == 0.3
 
 
 @pytest.mark.slow
@@ -52,6 +57,35 @@ def test_a_wrong_prior_changes_no_answer(metres: tuple[float, float, float]) -> 
     assert (found.status, found.search.num_starts) == ("localized", answer().search.num_starts)
     assert_found(found, POSE)
     assert best_of(found).confidence == pytest.approx(best_of(answer()).confidence, abs=0.01)
+    assert known(found.evidence).features["margin"] > 0.3
+
+
+@pytest.mark.slow
+def test_what_is_not_sure_where_it_was_expected_is_searched() -> None:
+    config = LocalizerConfig()
+    never_sure = Localizer(replace(config, judge=replace(config.judge, sure=2.0)), "cpu")
+    found = never_sure.localize(rig_of(panorama()), [map_of(BOX)], hints=expected(POSE))
+    assert found.search.num_starts == answer().search.num_starts
+
+
+@pytest.mark.parametrize("name", list(RIGS))
+@pytest.mark.parametrize(("std_m", "places"), [(0.2, 1), (0.7, 5), (5.0, 5)])
+def test_the_rig_begins_where_its_first_camera_is_expected_and_beside_it(name: str, std_m: float, places: int) -> None:
+    _, pose = RIGS[name]
+    where = query(name)
+    turn, middle = (each[0].double().numpy() for each in (where.rig.pyramid.rotations, where.rig.pyramid.centers))
+    prior = known(expected(pose.after(Pose(turn, middle))).prior)
+    found = poses_of_prior(where, replace(prior, position_std_m=std_m))
+    assert len(found) == places
+    np.testing.assert_allclose(found[0].rotation.numpy(), pose.rotation, atol=1e-5)
+    np.testing.assert_allclose(found[0].position.numpy(), pose.position, atol=1e-5)
+    reach = [float((each.position - found[0].position).norm()) for each in found[1:]]
+    assert reach == pytest.approx([min(std_m, 1.0)] * (places - 1), abs=1e-5)
+
+
+def test_no_pose_begins_where_the_hints_allow_none() -> None:
+    elsewhere = query_of(RIGS["panorama"][0], Hints(position_m=(4.3, 0.7, 1.4), radius_m=0.5))
+    assert poses_of_prior(elsewhere, known(expected(POSE).prior)) == []
 
 
 @pytest.mark.slow
