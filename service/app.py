@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
 
 from panoloc.service.cache import Cache
+from panoloc.service.host.certificates import names_in
 from panoloc.service.host_names import host_names, origins
 from panoloc.service.http.error_handlers import install_error_handlers
 from panoloc.service.http.guards.early_refusals import CallerRateCheck, QueueCheck
@@ -31,7 +32,8 @@ _DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
 Positions are metres in the map's own frame, angles degrees, times UTC. Every error is a problem document (RFC 9457)."""
 
 # Of headers of answers, what pages of other origins may read.
-_EXPOSED = ["ETag", "Location", "RateLimit", "RateLimit-Policy", "Retry-After", "X-Request-Id"]
+_EXPOSED = ["ETag", "Location", "Preference-Applied", "Retry-After", "X-Request-Id"]
+_EXPOSED += ["Idempotent-Replayed", "RateLimit", "RateLimit-Policy"]
 _TAGS = {
     "maps": "Register scans, and look at what became of them.",
     "localization": "Find where images were taken.",
@@ -69,13 +71,15 @@ def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = N
     )
     app.state.services = services
     app.state.recent_errors = RecentErrors()
-    app.add_middleware(Idempotency, cache=cache)
+    app.add_middleware(Idempotency, cache=cache, is_there=services.is_there)
     app.add_middleware(NotModified)
     app.add_middleware(QueueCheck, services=services, routes=QUERY_ROUTES)
     app.add_middleware(CallerRateCheck, rates=services.rates)
+    # Who points another name here has no certificate for it.
+    certified = [] if settings.tls_cert is None else names_in(settings.tls_cert)
     app.add_middleware(
         HostCheck,
-        allowed=host_names(settings.allowed_hosts),
+        allowed=[*host_names(settings.allowed_hosts), *certified],
         origins=origins(settings.allowed_origins),
         is_needed=lambda: not settings.keys.required,
     )
@@ -85,6 +89,7 @@ def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = N
             allow_origins=origins(settings.allowed_origins),
             allow_methods=["*"],
             allow_headers=["*"],
+            allow_private_network=True,  # a page of the internet that the operator names may call a scanner in the local network
             expose_headers=_EXPOSED,
         )
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)

@@ -156,12 +156,11 @@ class Cache:
             await self._redis.unlink(*keys)
         return bool(found)
 
-    async def begin_once(self, name: str, length: str) -> bytes | None:
-        """Note that a request of so many bytes begins that shall be done once; return what was noted of it before, None for nothing."""
+    async def begin_once(self, name: str) -> dict[str, Any] | None:
+        """Note that a request begins that shall be done once; return what was noted of it before, None for nothing."""
         async with _down_is_said_async():
-            key, begun = _once_key(name), _json({"length": length})
-            found: Any = await self._redis.set(key, begun, ex=_ONCE_UNDER_WAY_S, nx=True, get=True)
-        return None if found is None else bytes(found)
+            found: Any = await self._redis.set(_once_key(name), _json({}), ex=_ONCE_UNDER_WAY_S, nx=True, get=True)
+        return None if found is None else dict(json.loads(found))
 
     async def end_once(self, name: str, answer: Mapping[str, Any] | None) -> None:
         """Keep the answer to such a request; None: it may be done again."""

@@ -4,6 +4,7 @@ import ipaddress
 import re
 
 _NAME = re.compile(r"[\w-]+(\.[\w-]+)*\.?")
+_DEFAULT_PORT = re.compile(r"^(http(?=:.*:80$)|https(?=:.*:443$))(.*):\d+$")  # which browsers leave out
 _ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://[^/?#\s*]+")
 
 
@@ -18,7 +19,7 @@ def host_names(text: str) -> list[str]:
 
 def origins(text: str) -> list[str]:
     """Return the origins in a text, separated by commas; `*` stands for all. Raises ValueError for what no `Origin` header names."""
-    found = [name.strip().rstrip("/").lower() for name in text.split(",") if name.strip()]
+    found = [_DEFAULT_PORT.sub(r"\1\2", name.strip().rstrip("/").lower()) for name in text.split(",") if name.strip()]
     for name in found:
         if name != "*" and not _ORIGIN.fullmatch(name):
             raise ValueError(

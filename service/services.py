@@ -69,6 +69,18 @@ class Services:
             )
         self._tasks: list[asyncio.Task[None]] = []
 
+    async def is_there(self, path: str) -> bool:
+        """Return whether a path in `Location` leads to a map, a batch, or a query that has not failed."""
+        kind, _, name = path.strip("/").partition("/")
+        if kind == "maps":
+            await self.registry.find([name])
+            return self.registry.has(name)
+        if kind == "batches":
+            await self.batches.find(name)
+            return self.batches.has(name)
+        found = await self.cache.get_localization(name)
+        return found is not None and found["status"] != "failed"
+
     async def start(self) -> None:
         """Read maps and batches, begin to bring the workers up, and take up unfinished registrations and batches."""
         await self.registry.load()

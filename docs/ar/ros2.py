@@ -2,6 +2,7 @@
 
 import json
 import time
+import uuid
 from concurrent.futures import ThreadPoolExecutor
 
 import rclpy
@@ -41,9 +42,16 @@ def localize(service, map_id, shots):
     images = [("image", (f"{number}.jpg", jpeg, "image/jpeg")) for number, (jpeg, _) in enumerate(shots)]
     form = {"map_id": map_id, "options": json.dumps(options)}
     until = time.monotonic() + 30
+    once = {"Idempotency-Key": str(uuid.uuid4())}  # asked again after a lost answer, it is not searched again
     while True:
-        reply = requests.post(f"{service}/localize", files=images, data=form, timeout=90)
-        if reply.status_code not in (429, 503) or time.monotonic() > until:
+        try:
+            reply = requests.post(f"{service}/localize", files=images, data=form, headers=once, timeout=90)
+        except requests.ConnectionError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(2)
+            continue
+        if reply.status_code not in (409, 429, 503) or time.monotonic() > until:
             break
         time.sleep(float(reply.headers.get("Retry-After", 2)))
     if reply.status_code != 200:

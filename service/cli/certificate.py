@@ -8,7 +8,7 @@ import typer
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import JsonOption, Session
 
-_HOW_TO_TRUST = """Start the service with it:
+_HOW_TO_TRUST = """Start the service with it (one that runs has to be started again):
   PANOLOC_TLS_CERT={certificate} PANOLOC_TLS_KEY={key} panoloc serve --host 0.0.0.0
 Let phones and computers trust {authority} (never give away {secret}):
   iPhone: send it the file, install the profile (Settings, Profile Downloaded), then switch it on under Settings, General,
@@ -21,7 +21,9 @@ def certificate(
     ctx: typer.Context,
     names: Annotated[
         list[str] | None,
-        typer.Argument(help="Names and addresses by which the service is called; default: those of this machine."),
+        typer.Argument(
+            help="Names and addresses by which the service is called; default: those of before, else those of this machine."
+        ),
     ] = None,
     folder: Annotated[Path, typer.Option(file_okay=False, help="Folder of the files.")] = Path("panoloc-tls"),
     json: JsonOption = False,
@@ -33,7 +35,11 @@ def certificate(
     session = Session.of(ctx, json)
     from panoloc.service.host.certificates import make_certificate
 
-    wanted = make_certificate(folder, names or ())
+    try:
+        wanted = make_certificate(folder, names or ())
+    except ValueError as error:
+        session.messages.print(f"Error: {error}", markup=False)
+        return ExitCode.USAGE
     paths = {name: str(folder / name) for name in ("ca.crt", "ca.key", "server.crt", "server.key")}
     session.show({"names": wanted, **paths}, paths["server.crt"])
     if not json:

@@ -9,6 +9,7 @@ from panoloc.service.client.errors import (
     MapFailedError,
     UnexpectedReplyError,
     UnreachableError,
+    UntrustedError,
     WaitTimeoutError,
 )
 
@@ -22,6 +23,7 @@ __all__ = [
     "PanolocClient",
     "UnexpectedReplyError",
     "UnreachableError",
+    "UntrustedError",
     "UploadProgress",
     "WaitTimeoutError",
 ]

@@ -27,6 +27,7 @@ from panoloc.service.client.errors import (
     MapFailedError,
     UnexpectedReplyError,
     UnreachableError,
+    UntrustedError,
     WaitTimeoutError,
 )
 
@@ -213,6 +214,8 @@ class PanolocClient:
         try:
             return self._http.request(method, self.link(path), **request)
         except (httpx.ConnectError, httpx.ConnectTimeout) as error:
+            if "CERTIFICATE_VERIFY_FAILED" in str(error):
+                raise UntrustedError(self.url) from error
             raise UnreachableError(self.url, _reason(error)) from error
         except httpx.TimeoutException as error:
             raise WaitTimeoutError(

@@ -4,6 +4,7 @@
     ├── InvalidUrlError         the URL is not valid
     ├── InvalidKeyError         the key is not valid
     ├── UnreachableError        nobody answers at the URL
+    ├── UntrustedError          its certificate is not trusted
     ├── UnexpectedReplyError    something answers, but not this service
     ├── ApiProblemError         the service answered with a problem document (RFC 9457)
     ├── MapFailedError          the scan was accepted but could not become a map
@@ -29,6 +30,16 @@ class UnreachableError(ClientError):
     def __init__(self, url: str, reason: str) -> None:
         super().__init__(f"No service answers at {url} ({reason}).")
         self.url = url
+
+
+class UntrustedError(ClientError):
+    """The certificate of the service is not trusted."""
+
+    def __init__(self, url: str) -> None:
+        super().__init__(
+            f"Expected a certificate for {url} from an authority that is trusted, got another; for one of `panoloc certificate` set "
+            "SSL_CERT_FILE to its ca.crt."
+        )
 
 
 class InvalidUrlError(ClientError):

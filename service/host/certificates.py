@@ -12,6 +12,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from panoloc.service.host_names import host_names
+
 # Phones refuse certificates of servers that are valid for longer than 398 days.
 _SERVER_DAYS, _AUTHORITY_DAYS = 397, 3650
 
@@ -26,13 +28,29 @@ _Signed = tuple[x509.Certificate, ec.EllipticCurvePrivateKey]
 def make_certificate(folder: Path, names: Sequence[str]) -> list[str]:
     """Write `server.crt` and `server.key` into a folder, signed by `ca.crt` and `ca.key` there, which are made where they are missing.
 
-    names: and addresses by which the service is called; none: those of this machine. Returns them all. Raises OSError.
+    names: and addresses by which the service is called; none: those of the certificate that is there, else those of this machine. Returns
+    them all. Raises ValueError for what is no name, and OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    wanted = list(dict.fromkeys(["localhost", "127.0.0.1", *(names or _own_names())]))
+    certificate = folder / "server.crt"
+    given = names or (_names_and_addresses(certificate) if certificate.exists() else _own_names())
+    wanted = {str(_name(name).value): _name(name) for name in ("localhost", "127.0.0.1", *given)}
     authority = _authority(folder / "ca.crt", folder / "ca.key")
-    _write(_made("panoloc", wanted, authority), folder / "server.crt", folder / "server.key")
-    return wanted
+    _write(_made("panoloc", list(wanted.values()), authority), certificate, folder / "server.key")
+    return list(wanted)
+
+
+def names_in(certificate: Path) -> list[str]:
+    """Return the host names, addresses aside, that a certificate (PEM) is for."""
+    return [name for name in _names_and_addresses(certificate) if not _is_address(name)]
+
+
+def _names_and_addresses(certificate: Path) -> list[str]:
+    try:
+        found = x509.load_pem_x509_certificate(certificate.read_bytes()).extensions
+        return [str(name.value) for name in found.get_extension_for_class(x509.SubjectAlternativeName).value]
+    except (ValueError, x509.ExtensionNotFound):
+        return []
 
 
 def _own_names() -> list[str]:
@@ -50,18 +68,21 @@ def _own_names() -> list[str]:
 
 def _authority(certificate: Path, key: Path) -> _Signed:
     """Return the authority of the folder, made where there is none. Raises OSError for files that are none."""
-    if not certificate.exists():
+    if not certificate.exists() and not key.exists():
         _write(_made("panoloc local authority", (), None), certificate, key)
     try:
         secret = serialization.load_pem_private_key(key.read_bytes(), None)
         known = x509.load_pem_x509_certificate(certificate.read_bytes())
-    except ValueError as error:
-        raise OSError(f"{certificate} or {key.name} cannot be read; remove both to make a new authority") from error
-    assert isinstance(secret, ec.EllipticCurvePrivateKey)
+        if not isinstance(secret, ec.EllipticCurvePrivateKey) or secret.public_key() != known.public_key():
+            raise ValueError("they do not belong together")
+    except (OSError, ValueError, TypeError) as error:
+        raise OSError(
+            f"expected an authority in {certificate} and {key}, got none ({error}); remove both to make a new one"
+        ) from error
     return known, secret
 
 
-def _made(title: str, names: Sequence[str], authority: _Signed | None) -> _Signed:
+def _made(title: str, names: Sequence[x509.GeneralName], authority: _Signed | None) -> _Signed:
     """Return a certificate with its key. names: of a server. authority: that signs it; None: it is one itself."""
     secret = ec.generate_private_key(ec.SECP256R1())
     own = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"{title} ({socket.gethostname()})"[:64])])
@@ -85,15 +106,30 @@ def _made(title: str, names: Sequence[str], authority: _Signed | None) -> _Signe
     else:
         usage = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH])
         builder = builder.add_extension(usage, critical=False)
-        builder = builder.add_extension(x509.SubjectAlternativeName(list(map(_name, names))), critical=False)
+        builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
     return builder.sign(signer, hashes.SHA256()), secret
 
 
 def _name(text: str) -> x509.GeneralName:
-    try:
+    """Return a name or an address as certificates have it. Raises ValueError."""
+    if _is_address(text):
         return x509.IPAddress(ipaddress.ip_address(text))
+    try:
+        name = text.encode("idna").decode("ascii")
+        (known,) = host_names(name)
+    except ValueError as error:
+        raise ValueError(f"expected a name such as scanner.local, or an address, got {text[:80]!r}") from error
+    if name == "*":
+        raise ValueError("expected a name such as scanner.local, got '*', which phones do not accept")
+    return x509.DNSName(known)
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
     except ValueError:
-        return x509.DNSName(text)
+        return False
+    return True
 
 
 def _write(made: _Signed, certificate: Path, key: Path) -> None:

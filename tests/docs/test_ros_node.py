@@ -37,8 +37,10 @@ class Service:
 
     def __init__(self, *replies: Any, takes_s: float = 0.0) -> None:
         self._replies, self._takes_s = list(replies), takes_s
+        self.requests: list[dict[str, Any]] = []
 
     def post(self, url: str, **request: Any) -> Any:
+        self.requests.append(request)
         time.sleep(self._takes_s)
         reply = self._replies.pop(0)
         if isinstance(reply, Exception):
@@ -62,7 +64,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": SENSOR_DATA},
         "rclpy.time": {"Time": SimpleNamespace(from_msg=lambda stamp: stamp)},
-        "requests": {},
+        "requests": {"ConnectionError": ConnectionError},
         "geometry_msgs": {},
         "geometry_msgs.msg": {"TransformStamped": lambda: message},
         "sensor_msgs": {},
@@ -80,6 +82,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         monkeypatch.setitem(sys.modules, name, module)
     names: dict[str, Any] = {"sent": sent}
     exec(compile((ROOT / "docs" / "ar" / "ros2.py").read_text(), "docs/ar/ros2.py", "exec"), names)
+    names["time"] = SimpleNamespace(monotonic=time.monotonic, sleep=lambda seconds: None)
     return names
 
 
@@ -116,11 +119,13 @@ def test_an_answer_is_published_without_a_callback_that_waits_for_it(ros: dict[s
 
 
 def test_a_busy_service_is_asked_again_and_one_that_fails_ends_nothing(ros: dict[str, Any]) -> None:
-    node = asked(ros, Service(BUSY, answered(ANSWER)))
+    service = Service(BUSY, ConnectionError("away"), answered(ANSWER))
+    node = asked(ros, service)
     assert eventually(lambda: bool(node.timers[0]() or ros["sent"]), 10)
-    node = asked(ros, Service(ConnectionError("away")))
+    assert len({request["headers"]["Idempotency-Key"] for request in service.requests}) == 1
+    node = asked(ros, Service(SimpleNamespace(status_code=500, headers={}, json=lambda: {"detail": "broken"})))
     assert eventually(lambda: bool(node.timers[0]() or node.logged), 10)
-    assert (node.logged, node.asked) == (["no answer: away"], None)
+    assert (node.logged, node.asked) == (["no answer: broken"], None)
     node = asked(ros, Service(answered({**ANSWER, "status": "ambiguous"})))
     assert eventually(lambda: bool(node.timers[0]() or node.logged), 10)
     assert len(ros["sent"]) == 1

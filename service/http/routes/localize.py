@@ -135,7 +135,9 @@ async def localize(
         async with read_form(request.stream(), request.headers, rules, held=held) as form:
             options = parse_json(LocalizeOptions, form.options(), "options")
             query = query_of(request, form.fields[IMAGE.name], options, maps_of(request, form), form.fields[MASK.name])
-        if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
+        if prefer is not None and "respond-async" in {
+            part.partition(";")[0].strip().lower() for part in prefer.split(",")
+        }:
             pending = await services.localizations.begin(query, when_done=held.release)
             stack.pop_all()
             headers = {"Location": f"/localizations/{pending['id']}", "Retry-After": str(_RETRY_AFTER_S)}
@@ -156,6 +158,10 @@ def query_of(
     settings = services_of(request).settings
     if options.hints is not None and options.hints.prior is not None and len(maps.map_ids) != 1:
         raise InvalidOptionsError.of("hints.prior", "expected a query of one map_id, for the pose is in a map; name it")
+    if options.hints is not None and options.hints.prior is not None and options.method != "fast":
+        raise InvalidOptionsError.of(
+            "hints.prior", f"expected the method fast, got {options.method}; leave one of them out"
+        )
     query = query_images(images, masks, options)
     with limited_by("PANOLOC_MAX_PIXELS"):
         opened = open_images(images, IMAGE, settings.max_pixels)

@@ -118,7 +118,7 @@ def _wanted_version(if_match: str | None) -> int | None:
     """Return the version that a map must have, None for any. Raises InvalidOptionsError."""
     if if_match is None or if_match.strip() == "*":
         return None
-    version = if_match.strip().strip('"')
+    version = if_match.strip().removeprefix("W/").strip('"')  # proxies that compress make it a weak one
     if version.isascii() and version.isdigit():
         return int(version)
     message = f"expected the ETag of a map, or *, got {if_match!r}; GET /maps/{{id}} returns the ETag"

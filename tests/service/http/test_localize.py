@@ -292,3 +292,5 @@ async def test_a_prior_needs_one_map_and_a_pose(running: RunningService) -> None
         reply = await running.client.post("/localize", data=form, files={"image": ("photo.png", png_of(8, 4))})
         assert reply.status_code == 422
         assert said in reply.json()["detail"]
+    slow = json.dumps({"hints": {"prior": {"pose": pose}}, "method": "paper"})
+    assert "expected the method fast" in (await running.localize(maps[0], options=slow)).json()["detail"]

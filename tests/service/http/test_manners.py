@@ -1,13 +1,14 @@
 """What clients expect of any API: nothing is sent twice or done twice, text is compressed, pages of allowed origins may ask."""
 
 import gzip
+from collections.abc import AsyncIterator
 
 import httpx
 import pytest
 
 from panoloc.service.http import responses
 from tests.service.http.fake_pool import no_worker
-from tests.service.http.running_service import SCAN, RunningService, Serve
+from tests.service.http.running_service import SCAN, RunningService, Serve, png_of
 
 pytestmark = pytest.mark.anyio
 
@@ -53,7 +54,7 @@ async def test_text_is_compressed_for_who_accepts_it_and_files_are_not(
             assert (gzip.decompress(sent) if is_text else sent) == plain.content
 
 
-@pytest.mark.settings(allowed_origins=f"{PAGE}/, http://localhost:5173")
+@pytest.mark.settings(allowed_origins=f"{PAGE}:443/, http://localhost:5173")
 async def test_pages_of_allowed_origins_may_call_from_browsers(running: RunningService) -> None:
     map_id = await running.ready_map()
     wanted = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "authorization,content-type"}
@@ -67,6 +68,8 @@ async def test_pages_of_allowed_origins_may_call_from_browsers(running: RunningS
     assert (lost.status_code, lost.headers["Access-Control-Allow-Origin"]) == (404, PAGE)
     other = await running.localize(map_id, headers={"Origin": "https://evil.example"})
     assert (other.status_code, "Access-Control-Allow-Origin" in other.headers) == (403, False)
+    wanted["Access-Control-Request-Private-Network"] = "true"
+    assert (await running.client.options("/localize", headers={"Origin": PAGE, **wanted})).status_code == 200
     both = [("Origin", PAGE), ("Origin", "https://evil.example")]
     assert await running.status("DELETE", f"/maps/{map_id}", headers=both) == 403
 
@@ -114,9 +117,64 @@ async def test_a_request_that_is_sent_again_is_not_done_again(running: RunningSe
     queries = [await running.localize(map_id, headers=ONCE) for _ in "12"]
     assert queries[0].json() == queries[1].json()
     assert len(running.pool.jobs) == 1
-    other = await running.localize(map_id, options='{"top_k": 2}', headers=ONCE)
-    assert (other.status_code, other.json()["type"]) == (422, "/problems/idempotency-key-reused")
     assert (await running.localize(map_id, headers={"Idempotency-Key": "a b"})).status_code == 400
+
+
+async def test_the_key_of_another_request_is_refused_however_alike_that_is(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    assert (await running.localize(map_id, options='{"frame": "webxr"}', headers=ONCE)).status_code == 200
+    for request in (
+        {"options": '{"frame": "unity"}', "headers": ONCE},  # of the same length
+        {"options": '{"frame": "webxr"}', "headers": ONCE, "image": png_of(16, 8)},
+        {"options": '{"frame": "webxr"}', "headers": {**ONCE, "Prefer": "respond-async"}},
+    ):
+        other = await running.localize(map_id, **request)
+        assert (other.status_code, other.json()["type"]) == (422, "/problems/idempotency-key-reused")
+    assert len(running.pool.jobs) == 1
+
+
+@pytest.mark.parametrize("boundaries", [("a-b", "another-boundary"), ("--0--0", "0")])
+async def test_the_boundary_between_parts_is_another_each_time(
+    running: RunningService, boundaries: tuple[str, str]
+) -> None:
+    replies = []
+    for boundary, size in zip(boundaries, (7, 1000), strict=True):
+        text = f'--{boundary}\r\nContent-Disposition: form-data; name="file"; filename="a.ply"\r\n\r\n'
+        body = text.encode() + SCAN + f"\r\n--{boundary}--\r\n".encode()
+        parts = [body[at : at + size] for at in range(0, len(body), size)]
+        headers = {**ONCE, "Content-Type": f"multipart/form-data; boundary={boundary}"}
+        replies.append(await running.client.post("/maps", content=sent_in(parts), headers=headers))
+    assert [each.status_code for each in replies] == [202, 202]
+    assert replies[0].json()["id"] == replies[1].json()["id"]
+
+
+async def sent_in(parts: list[bytes]) -> AsyncIterator[bytes]:
+    for part in parts:
+        yield part
+
+
+async def test_what_has_failed_since_or_is_deleted_is_done_again(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    later = {**ONCE, "Prefer": "respond-async"}
+    running.pool.fail_localize = [no_worker()]
+    running.pool.localize_gate.clear()
+    first = (await running.localize(map_id, headers=later)).json()["id"]
+    running.pool.localize_gate.set()
+    await running.eventually(f"/localizations/{first}", lambda body: body["status"] == "failed")
+    second = (await running.localize(map_id, headers=later)).json()["id"]
+    assert second != first
+    await running.client.delete(f"/localizations/{second}")
+    third = (await running.localize(map_id, headers=later)).json()["id"]
+    assert (await running.localize(map_id, headers=later)).json()["id"] == third != second
+    for path, files in (("/maps", {"file": ("a.ply", SCAN)}), ("/batches", {"image": ("a.png", png_of(8, 4))})):
+        places = []
+        for _ in range(3):
+            form = {"map_id": map_id} if path == "/batches" else {}
+            reply = await running.client.post(path, files=files, data=form, headers=ONCE)
+            places.append(reply.headers["Location"])
+            if len(places) == 2:
+                assert (await running.client.delete(places[0])).status_code == 204
+        assert places[0] == places[1] != places[2]
 
 
 async def test_a_request_that_failed_is_done_again_and_one_under_way_is_said_to_be(running: RunningService) -> None:
