@@ -28,6 +28,15 @@ def origins(text: str) -> list[str]:
     return found
 
 
+def is_address(host: str) -> bool:
+    """Tell whether a host is an IP address."""
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
 def is_loopback(host: str) -> bool:
     """Tell whether only this machine reaches who listens on `host`, a name or an address."""
     try:

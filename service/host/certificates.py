@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from panoloc.service.host_names import host_names
+from panoloc.service.host_names import host_names, is_address
 
 # Phones refuse certificates of servers that are valid for longer than 398 days.
 _SERVER_DAYS, _AUTHORITY_DAYS = 397, 3650
@@ -42,7 +42,7 @@ def make_certificate(folder: Path, names: Sequence[str]) -> list[str]:
 
 def names_in(certificate: Path) -> list[str]:
     """Return the host names, addresses aside, that a certificate (PEM) is for."""
-    return [name for name in _names_and_addresses(certificate) if not _is_address(name)]
+    return [name for name in _names_and_addresses(certificate) if not is_address(name)]
 
 
 def _names_and_addresses(certificate: Path) -> list[str]:
@@ -112,7 +112,7 @@ def _made(title: str, names: Sequence[x509.GeneralName], authority: _Signed | No
 
 def _name(text: str) -> x509.GeneralName:
     """Return a name or an address as certificates have it. Raises ValueError."""
-    if _is_address(text):
+    if is_address(text):
         return x509.IPAddress(ipaddress.ip_address(text))
     try:
         name = text.encode("idna").decode("ascii")
@@ -122,14 +122,6 @@ def _name(text: str) -> x509.GeneralName:
     if name == "*":
         raise ValueError("expected a name such as scanner.local, got '*', which phones do not accept")
     return x509.DNSName(known)
-
-
-def _is_address(text: str) -> bool:
-    try:
-        ipaddress.ip_address(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _write(made: _Signed, certificate: Path, key: Path) -> None:

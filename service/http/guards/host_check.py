@@ -4,7 +4,6 @@ A browser sends requests of any page to any address that it reaches, this machin
 request away: `Host` names the other site where its DNS points here (DNS rebinding), and `Origin` names the page.
 """
 
-import ipaddress
 import socket
 from collections.abc import Callable, Collection
 from urllib.parse import urlsplit
@@ -13,6 +12,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from panoloc.service.errors import HostCheckError
+from panoloc.service.host_names import is_address
 from panoloc.service.http.error_handlers import problem_response
 
 _HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -62,18 +62,10 @@ class HostCheck:
 
     def _is_allowed(self, name: str) -> bool:
         # DNS cannot point an address elsewhere.
-        return name in self._allowed or name.endswith(".localhost") or _is_address(name)
+        return name in self._allowed or name.endswith(".localhost") or is_address(name)
 
 
 def _name_of(host: str) -> str:
     """Return the name in a `Host` header, without its port."""
     name = host.rpartition("]")[0].lstrip("[") if host.startswith("[") else host.partition(":")[0]
     return name.lower().rstrip(".")
-
-
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
