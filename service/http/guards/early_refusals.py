@@ -62,17 +62,17 @@ class CallerRateCheck:
             await self._app(scope, receive, send)
             return
         caller, num_bytes = caller_of(Request(scope)).id, 0
-        try:
-            await self._rates.take(caller, scope["method"] in _WITH_UPLOADS)
-        except RateError as error:
-            await self._pace.refuse(error, scope, receive, send)
-            return
-        told = await self._rates.headers(caller)
 
         async def telling_send(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(raw=message["headers"]).update(told)
+                MutableHeaders(raw=message["headers"]).update(await self._rates.headers(caller))
             await send(message)
+
+        try:
+            await self._rates.take(caller, scope["method"] in _WITH_UPLOADS)
+        except RateError as error:
+            await self._pace.refuse(error, scope, receive, telling_send)
+            return
 
         async def counting_receive() -> Message:
             nonlocal num_bytes
