@@ -1,6 +1,6 @@
 """Localize a panorama in one or several maps: the public entrance to the methods `fast` and `paper`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -76,13 +76,15 @@ class Localizer:
         top_k: int = 1,
         timeout_s: float | None = None,
         prior: float = 1.0,
+        is_cancelled: Callable[[], bool] = lambda: False,
     ) -> Localization:
         """Find where the images of a rig were taken.
 
         maps: at least one index, on this localizer's device. hints narrow the search; the answer never exceeds them.
         top_k: how many poses to return in all; those after the best one come as alternatives. prior: how probable it is that the rig is in
         one of these maps, where there are others.
-        Raises OptionsError for options out of range and DeadlineExceededError when `timeout_s` passes.
+        is_cancelled: asked again and again whether nobody waits any more.
+        Raises OptionsError for options out of range, and DeadlineExceededError when `timeout_s` passes or nobody waits any more.
         """
         if not maps:
             raise OptionsError("maps: expected at least one map to search")
@@ -90,7 +92,7 @@ class Localizer:
             raise OptionsError(f"top_k: expected 1 to {MAX_TOP_K}, got {top_k}")
         if method not in ("fast", "paper"):
             raise OptionsError(f"method: expected fast or paper, got {method!r}")
-        clock = StageClock(timeout_s, self.device)
+        clock = StageClock(timeout_s, self.device, is_cancelled)
         if method == "fast" or rig.photos[0].hfov_range_deg is not None:
             with torch.inference_mode():
                 result = self._engine.run(rig, maps, hints, clock)

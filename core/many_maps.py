@@ -3,7 +3,7 @@
 import math
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -68,6 +68,7 @@ def localize_among(
     top_k: int = 1,
     timeout_s: float | None = None,
     num_maps: int | None = None,
+    is_cancelled: Callable[[], bool] = lambda: False,
 ) -> Localization:
     """Find where the images of a rig were taken, and in which of many maps.
 
@@ -98,7 +99,14 @@ def localize_among(
         # As often as the map of one photo was among the 64 likeliest of 100 and of 1,000 (docs/scale.md).
         prior = 1.0 if is_telling else min(1.0, math.sqrt(most / total))
         answer = localizer.localize(
-            rig, indexes, method=method, hints=hints, top_k=top_k, timeout_s=remaining_s, prior=prior
+            rig,
+            indexes,
+            method=method,
+            hints=hints,
+            top_k=top_k,
+            timeout_s=remaining_s,
+            prior=prior,
+            is_cancelled=is_cancelled,
         )
         for stage, seconds in answer.timings_s.items():
             timings_s[stage] += seconds

@@ -1,7 +1,7 @@
 """Seconds per stage, and the deadline checked between stages."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import torch
@@ -10,11 +10,14 @@ from panoloc.core.errors import DeadlineExceededError
 
 
 class StageClock:
-    """Times named stages (a name used twice adds up) and raises DeadlineExceededError when a stage starts too late."""
+    """Times named stages (a name used twice adds up) and raises DeadlineExceededError when a stage starts too late, or for nobody."""
 
-    def __init__(self, timeout_s: float | None, device: torch.device) -> None:
+    def __init__(
+        self, timeout_s: float | None, device: torch.device, is_cancelled: Callable[[], bool] = lambda: False
+    ) -> None:
+        """is_cancelled: tells whether nobody waits for the answer any more."""
         self._started = time.monotonic()
-        self._timeout_s, self._device = timeout_s, device
+        self._timeout_s, self._device, self._is_cancelled = timeout_s, device, is_cancelled
         self.timings_s: dict[str, float] = {}
 
     @contextmanager
@@ -33,7 +36,9 @@ class StageClock:
         return time.monotonic() - self._started
 
     def check(self) -> None:
-        """Raise DeadlineExceededError when the timeout has passed."""
+        """Raise DeadlineExceededError when the timeout has passed, or nobody waits any more."""
+        if self._is_cancelled():
+            raise DeadlineExceededError("the query was cancelled")
         elapsed = self._elapsed_s()
         if self._timeout_s is not None and elapsed > self._timeout_s:
             raise DeadlineExceededError(

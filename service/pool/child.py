@@ -8,8 +8,8 @@ from typing import Any
 
 from panoloc.service.host.logging import configure_logging
 from panoloc.service.host.process_resources import return_freed_memory
-from panoloc.service.jobs import RegisterJob
-from panoloc.service.pool.messages import Answer, ChildPipes, Status
+from panoloc.service.jobs import LocalizeJob, RegisterJob
+from panoloc.service.pool.messages import Answer, ChildPipes, Request, Status
 from panoloc.service.worker.plan import WorkerPlan
 
 _REGISTRATION_NICENESS = 10
@@ -22,16 +22,24 @@ def main(what: str = "worker") -> None:
     pipes = ChildPipes()
     plan: WorkerPlan = pipes.receive()
     configure_logging(*plan.settings.log)
-    requests: queue.Queue[Any] = queue.Queue()
-    threading.Thread(target=pipes.follow, args=(requests.put,), daemon=True).start()
+    requests: queue.Queue[Request] = queue.Queue()
+    cancelled: set[int] = set()
+
+    def take(request: Request) -> None:
+        if request.job is None:
+            cancelled.add(request.number)
+        else:
+            requests.put(request)
+
+    threading.Thread(target=pipes.follow, args=(take,), daemon=True).start()
     # The main thread computes: OpenMP keeps a team of threads for each thread that asks, and more teams than cores halve the speed.
     if what == "builder":
         _build(plan, requests.get(), pipes)
     else:
-        _answer(plan, requests, pipes)
+        _answer(plan, requests, cancelled, pipes)
 
 
-def _answer(plan: WorkerPlan, requests: "queue.Queue[Any]", pipes: ChildPipes) -> None:
+def _answer(plan: WorkerPlan, requests: "queue.Queue[Request]", cancelled: set[int], pipes: ChildPipes) -> None:
     try:
         worker = plan.build_worker()
     except Exception as error:
@@ -44,7 +52,10 @@ def _answer(plan: WorkerPlan, requests: "queue.Queue[Any]", pipes: ChildPipes) -
         except queue.Empty:
             return_freed_memory()
             request = requests.get()
-        pipes.send(Answer(request.number, worker.localize(request.job)))
+        number, job = request.number, request.job
+        assert isinstance(job, LocalizeJob), "builds have processes of their own"
+        pipes.send(Answer(number, worker.localize(job, lambda number=number: number in cancelled)))  # type: ignore[misc]
+        cancelled.discard(number)
 
 
 def _build(plan: WorkerPlan, request: Any, pipes: ChildPipes) -> None:

@@ -202,6 +202,11 @@ class ProcessPool:
             self._hand_out()
             try:
                 reply = await work.future
+            except asyncio.CancelledError:
+                for process in self._processes:
+                    if process.under_way.get(work.number) is work:
+                        process.cancel(work)
+                raise
             except WorkerLostError as lost:
                 how = str(lost)
                 self._resident_bytes.clear()

@@ -6,7 +6,9 @@ where the config is built.
 
 import asyncio
 import math
+import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib.metadata import version
@@ -55,8 +57,12 @@ class Localizer:
         await self._mark_resident(serve.get_multiplexed_model_id())
         loop = asyncio.get_running_loop()
         self._num_under_way += 1
+        is_cancelled = threading.Event()
         try:
-            return await loop.run_in_executor(self._computing, self._compute, job)
+            return await loop.run_in_executor(self._computing, self._compute, job, is_cancelled.is_set)
+        except asyncio.CancelledError:
+            is_cancelled.set()
+            raise
         finally:
             self._num_under_way -= 1
             loop.call_later(_IDLE_S, self._tidy_when_idle)
@@ -80,10 +86,10 @@ class Localizer:
         if not self._num_under_way:
             self._computing.submit(return_freed_memory)
 
-    def _compute(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+    def _compute(self, job: LocalizeJob, is_cancelled: Callable[[], bool]) -> WorkerReply[LocalizeOutcome]:
         self._due_unix_s = job.deadline_unix_s
         try:
-            return self._worker.localize(job)
+            return self._worker.localize(job, is_cancelled)
         finally:
             self._due_unix_s = None
 

@@ -40,10 +40,13 @@ class LocalizationWorker:
         self._shelf = Shelf(storage, cache, str(localizer.device), settings.resident_bytes)
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
-    def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+    def localize(
+        self, job: LocalizeJob, is_cancelled: Callable[[], bool] = lambda: False
+    ) -> WorkerReply[LocalizeOutcome]:
         """Answer one query, or score the maps of a share of it, or name the indexes that have to be built again first."""
         began = time.monotonic()
-        query = _RunningQuery(job, QueryMaps(self._shelf, job.maps), self._localizer, self._settings)
+        maps = QueryMaps(self._shelf, job.maps)
+        query = _RunningQuery(job, maps, self._localizer, self._settings, is_cancelled)
         outcome, failure = guarded(query.answer)
         return WorkerReply(
             outcome=outcome,
@@ -60,8 +63,16 @@ class LocalizationWorker:
 class _RunningQuery:
     """One query in a worker, with its timings and the indexes that are missing."""
 
-    def __init__(self, job: LocalizeJob, maps: QueryMaps, localizer: Localizer, settings: WorkerSettings) -> None:
+    def __init__(
+        self,
+        job: LocalizeJob,
+        maps: QueryMaps,
+        localizer: Localizer,
+        settings: WorkerSettings,
+        is_cancelled: Callable[[], bool],
+    ) -> None:
         self.maps = maps
+        self._is_cancelled = is_cancelled
         self._job = job
         self._localizer = localizer
         self._settings = settings
@@ -100,6 +111,7 @@ class _RunningQuery:
             top_k=options.top_k,
             timeout_s=self._remaining_s(),
             num_maps=self._job.num_maps,
+            is_cancelled=self._is_cancelled,
         )
 
     def _query(self) -> Rig:

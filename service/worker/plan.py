@@ -4,6 +4,7 @@ Both are pickled and may travel to another machine.
 """
 
 import pkgutil
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -62,8 +63,10 @@ class WorkerSettings:
 class QueryWorker(Protocol):
     """What a pool runs in a worker."""
 
-    def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
-        """Answer one query."""
+    def localize(
+        self, job: LocalizeJob, is_cancelled: Callable[[], bool] = lambda: False
+    ) -> WorkerReply[LocalizeOutcome]:
+        """Answer one query. is_cancelled: tells, at any time, whether nobody waits for it any more."""
 
 
 class MapRegistrar(Protocol):

@@ -31,3 +31,12 @@ def test_no_stage_starts_after_the_deadline() -> None:
     clock = StageClock(0.5, CPU)
     with pytest.raises(DeadlineExceededError, match="no pose within"), clock.stage("search"):
         pytest.fail("the stage ran")
+
+
+def test_no_stage_starts_for_an_answer_that_nobody_waits_for() -> None:
+    answers = iter([False, True])
+    clock = StageClock(None, CPU, lambda: next(answers))
+    with clock.stage("prepare"):
+        pass
+    with pytest.raises(DeadlineExceededError, match="cancelled"), clock.stage("search"):
+        pytest.fail("the stage ran")

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
@@ -21,7 +22,9 @@ class ScriptedWorker:
         if (self._folder / "no-worker-starts").exists():
             raise RuntimeError("no worker starts in this folder")
 
-    def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+    def localize(
+        self, job: LocalizeJob, is_cancelled: Callable[[], bool] = lambda: False
+    ) -> WorkerReply[LocalizeOutcome]:
         script = json.loads(job.images[0].data)
         self._note("started", job.request_id)
         missing = tuple(ref for ref in job.maps if script.get("needs_index") and not self._index(ref).exists())
@@ -31,7 +34,7 @@ class ScriptedWorker:
             os.kill(os.getpid(), signal.SIGKILL)
         if "take_mb" in script:
             self._taken = b"x" * (script["take_mb"] << 20)
-        self._wait(script)
+        self._wait(script, is_cancelled)
         if "fail" in script:
             return WorkerReply(failure=WorkerFailure(script["fail"], "as the script says"), worker=self._name)
         if job.share is not None:
@@ -65,8 +68,10 @@ class ScriptedWorker:
         os.kill(os.getpid(), signal.SIGKILL)
         raise AssertionError
 
-    def _wait(self, script: dict[str, str]) -> None:
+    def _wait(self, script: dict[str, str], is_cancelled: Callable[[], bool] = lambda: False) -> None:
         while "until" in script and not (self._folder / script["until"]).exists():
+            if script.get("stops") and is_cancelled():
+                return
             time.sleep(0.01)
 
     def _index(self, ref: MapRef) -> Path:

@@ -115,6 +115,13 @@ def test_a_query_past_its_deadline_fails_and_what_had_not_begun_is_dropped(runni
     assert not (running.folder / "late.started").exists()
 
 
+def test_a_query_that_is_cancelled_makes_room_for_the_next(running: PoolInThread) -> None:
+    (begun,) = running.begin_localizing(query("given-up", until="never", stops=True))
+    assert eventually(lambda: (running.folder / "given-up.started").exists(), 30)
+    begun.cancel()
+    assert running.localize(query("next-in-line", timeout_s=30)).answer.status == "localized"
+
+
 @pytest.mark.parametrize("map_id", ["map_lost", "map_crash_once"])
 def test_a_lost_index_is_built_once_for_all_who_wait(running: PoolInThread, map_id: str) -> None:
     jobs = [query(f"{map_id}-{number}", maps=(map_id,), needs_index=True) for number in range(5)]

@@ -182,6 +182,7 @@ def test_a_query_takes_the_index_from_redis_once_and_keeps_it(registered: Place)
     call = registered.localizer.calls[0]
     assert (call["method"], call["hints"], call["top_k"]) == ("fast", None, 3)
     assert 10 < call["timeout_s"] <= 20
+    assert not call["is_cancelled"]()
 
 
 def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
