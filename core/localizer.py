@@ -26,6 +26,11 @@ from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.core.stage_clock import StageClock
 
+_PLACES_LOOK_ALIKE = Remark(
+    "places_look_alike",
+    "several places look the same from here; send an image that shows where they differ, several frames on the way there, or a hint of the "
+    "place",
+)
 _HINTS_MAY_BE_WRONG = Remark(
     "widen_hints",
     "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out",
@@ -108,6 +113,8 @@ class Localizer:
         answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
         if answer.status == "not_localized" and not answer.warnings:
             answer = replace(answer, warnings=why_nothing_fits(rig, hints))
+        if answer.status == "ambiguous":
+            answer = replace(answer, warnings=(*answer.warnings, _PLACES_LOOK_ALIKE))
         return replace(
             answer, warnings=(*answer.warnings, *(Remark("regions_ignored", words) for words in rig.left_out))
         )

@@ -13,6 +13,7 @@ Reason = Literal[
     "name_fewer_maps",
     "not_kept",
     "nothing_in_reach",
+    "places_look_alike",
     "regions_ignored",
     "turn_more",
     "widen_hfov_range",

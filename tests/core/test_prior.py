@@ -90,7 +90,8 @@ def test_no_pose_begins_where_the_hints_allow_none() -> None:
 
 @pytest.mark.slow
 def test_a_prior_does_not_choose_between_places_that_look_the_same() -> None:
-    assert localized(SYMMETRIC.panorama(POSE), SYMMETRIC, hints=expected(POSE)).status == "ambiguous"
+    found = localized(SYMMETRIC.panorama(POSE), SYMMETRIC, hints=expected(POSE))
+    assert (found.status, [remark.reason for remark in found.warnings]) == ("ambiguous", ["places_look_alike"])
 
 
 @pytest.mark.slow

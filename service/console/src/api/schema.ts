@@ -146,7 +146,7 @@ export interface Localization {
   timings_s: Record<string, number>;
   search: Record<string, unknown>;
   warnings: string[];
-  reasons?: Array<"accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints">;
+  reasons?: Array<"accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints">;
   artifacts: Record<string, string>;
 }
 
