@@ -52,10 +52,11 @@ class SearchConfig:
 
 @dataclass(frozen=True)
 class PriorConfig:
-    """A pose that the caller expects (see `panoloc.core.query.rounds.poses_of_prior`), metres."""
+    """A pose that the caller expects (see `panoloc.core.query.rounds.poses_of_prior`)."""
 
-    basin_m: float = 0.3  # refinement comes back from; where a prior may be farther off, it begins beside it as well
-    farthest_m: float = 1.0  # that it begins beside it
+    # Refinement comes back from so far off, metres and degrees of yaw. Where a prior may be farther off, it begins beside it as well.
+    basin: tuple[float, float] = (0.3, 15.0)
+    farthest: tuple[float, float] = (1.0, 40.0)  # beside it
     margin: float = (
         0.3  # nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere
     )

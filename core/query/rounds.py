@@ -67,18 +67,23 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
 
 
 def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
-    """Return poses of the rig where the caller expects its first camera; around them as well where that is uncertain."""
-    index, rig = query.index, query.rig.pyramid
+    """Return poses of the rig where the caller expects its first camera; beside it, and turned, as well where that is uncertain."""
+    index, rig, config = query.index, query.rig.pyramid, query.config.prior
     camera = Pose.from_frame(prior.position_m, prior.quaternion_xyzw, prior.frame)
     rotation = torch.from_numpy(camera.rotation).to(index.starts) @ rig.rotations[0].T
     middle = torch.from_numpy(camera.position - index.origin_offset).to(index.starts) - rotation @ rig.centers[0]
-    reach_m = min(prior.position_std_m, query.config.prior.farthest_m)
-    sides = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)] if reach_m > query.config.prior.basin_m else [(0, 0)]
+    reach_m, turn_deg = map(min, zip((prior.position_std_m, prior.orientation_std_deg), config.farthest, strict=True))
+    moves = [(0.0, 0.0, 0.0)]
+    if reach_m > config.basin[0]:
+        moves += [(reach_m, 0.0, 0.0), (-reach_m, 0.0, 0.0), (0.0, reach_m, 0.0), (0.0, -reach_m, 0.0)]
+    if turn_deg > config.basin[1]:
+        moves += [(0.0, 0.0, math.radians(turn_deg)), (0.0, 0.0, -math.radians(turn_deg))]
     poses = []
-    for x, y in sides:
-        place = middle + reach_m * middle.new_tensor([x, y, 0.0])
+    for x, y, yaw in moves:
+        place = middle + middle.new_tensor([x, y, 0.0])
         start = int((index.starts - place).norm(dim=1).argmin())
-        poses.append(Hypothesis(query.number, start, rotation, place))
+        turn = rotation_from_vector(middle.new_tensor([0.0, 0.0, yaw]))
+        poses.append(Hypothesis(query.number, start, turn @ rotation, place))
     return [pose for pose in poses if query.allows(pose)]
 
 

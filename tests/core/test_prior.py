@@ -9,7 +9,7 @@ import torch
 
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import Frame, Hints, PosePrior
 from panoloc.core.query.rounds import poses_of_prior
@@ -51,6 +51,14 @@ def test_an_uncertain_prior_is_looked_at_from_several_sides() -> None:
 
 
 @pytest.mark.slow
+def test_a_prior_of_an_uncertain_heading_is_turned_both_ways() -> None:
+    prior = known(expected(moved(POSE, (0.1, 0.0, 0.0), 38.0)).prior)
+    found = localized(panorama(), hints=Hints(prior=replace(prior, orientation_std_deg=40.0)))
+    assert (found.status, found.search.num_starts) == ("localized", 0)
+    assert_found(found, POSE)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("metres", [(2.0, -1.0, 0.0), (500.0, 0.0, 0.0)])
 def test_a_wrong_prior_changes_no_answer(metres: tuple[float, float, float]) -> None:
     found = localized(panorama(), hints=expected(moved(POSE, metres, 120.0)))
@@ -70,16 +78,21 @@ def test_what_is_not_sure_where_it_was_expected_is_searched() -> None:
 
 @pytest.mark.parametrize("name", list(RIGS))
 @pytest.mark.parametrize(("std_m", "places"), [(0.2, 1), (0.7, 5), (5.0, 5)])
-def test_the_rig_begins_where_its_first_camera_is_expected_and_beside_it(name: str, std_m: float, places: int) -> None:
+@pytest.mark.parametrize(("std_deg", "turns_deg"), [(5.0, []), (25.0, [25.0, 25.0]), (60.0, [40.0, 40.0])])
+def test_the_rig_begins_where_its_first_camera_is_expected_beside_it_and_turned(
+    name: str, std_m: float, places: int, std_deg: float, turns_deg: list[float]
+) -> None:
     _, pose = RIGS[name]
     where = query(name)
     turn, middle = (each[0].double().numpy() for each in (where.rig.pyramid.rotations, where.rig.pyramid.centers))
     prior = known(expected(pose.after(Pose(turn, middle))).prior)
-    found = poses_of_prior(where, replace(prior, position_std_m=std_m))
-    assert len(found) == places
+    found = poses_of_prior(where, replace(prior, position_std_m=std_m, orientation_std_deg=std_deg))
+    assert len(found) == places + len(turns_deg)
     np.testing.assert_allclose(found[0].rotation.numpy(), pose.rotation, atol=1e-5)
     np.testing.assert_allclose(found[0].position.numpy(), pose.position, atol=1e-5)
-    reach = [float((each.position - found[0].position).norm()) for each in found[1:]]
+    turns = [math.degrees(float(rotation_angle(each.rotation, found[0].rotation))) for each in found[places:]]
+    assert turns == pytest.approx(turns_deg, abs=0.1)
+    reach = [float((each.position - found[0].position).norm()) for each in found[1:places]]
     assert reach == pytest.approx([min(std_m, 1.0)] * (places - 1), abs=1e-5)
 
 
