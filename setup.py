@@ -65,7 +65,7 @@ def kernels() -> list[Extension]:
         Extension(
             f"panoloc.core.kernels._{name}",
             sources,
-            depends=["core/kernels/kernels.h"],
+            depends=[str(path) for path in sorted(folder.glob("*.h"))],
             extra_compile_args=[*FLAGS, *flags, f"-DSOURCES={checksum}"],
             extra_link_args=["-pthread"],
             language="c++",

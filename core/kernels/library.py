@@ -80,17 +80,19 @@ def call(name: str, *arguments: Argument) -> int:
     It is given the addresses of tensors and arrays, null of None, whole numbers as int64 and others as float. Tensors are given as they lie
     in memory, one number after the other, so what is written to must lie so; their types are those that the kernel names.
     """
-    held = [_in_a_row(part) for part in arguments]
-    return int(getattr(kernels(), name)(*map(_as_c, held)))
+    held = [in_a_row(part) for part in arguments]
+    return int(getattr(kernels(), name)(*map(as_c, held)))
 
 
-def _in_a_row(argument: Argument) -> Argument:
+def in_a_row(argument: Argument) -> Argument:
+    """Return an argument whose numbers lie one after the other."""
     if isinstance(argument, Tensor):
         return argument.contiguous()
     return np.ascontiguousarray(argument) if isinstance(argument, np.ndarray) else argument
 
 
-def _as_c(argument: Argument) -> ctypes.c_void_p | ctypes.c_int64 | ctypes.c_float:
+def as_c(argument: Argument) -> ctypes.c_void_p | ctypes.c_int64 | ctypes.c_float:
+    """Return an argument of a kernel as C takes it."""
     if isinstance(argument, Tensor):
         assert argument.dtype not in (torch.float64, torch.int32), "no kernel has tensors of this type"
         return ctypes.c_void_p(argument.data_ptr())

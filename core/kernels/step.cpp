@@ -3,6 +3,7 @@
 // as they lie in memory.
 
 #include "kernels.h"
+#include "pose_move.h"
 
 namespace panoloc {
 namespace {
@@ -15,7 +16,7 @@ constexpr int LANES = 8;
 using Lanes = float __attribute__((vector_size(4 * LANES)));
 
 constexpr float FEWEST_POINTS = 5, MOST_CORRELATED = 0.999f, LEAST_RATIO = 1e-4f;
-constexpr float LEAST_COSINE = 0.05f, METRES_PER_RAD = 1.5f, METRES_PER_LOG = 2.0f;
+constexpr float LEAST_COSINE = 0.05f;
 
 // N points of one candidate, in the order of their P patches; see `PointPlanes`.
 struct Points {
@@ -257,78 +258,6 @@ class Equations {
     float* memory_;
     int64_t stride_;
 };
-
-// How a pose is moved; see `StepConfig`. The last of all steps is not lengthened. A focal length is unknown within its bounds.
-struct Rules {
-    float robust_scale, noise, damping, lengthening, max_step_m, least_log_focal, most_log_focal;
-    bool has_last;
-};
-
-// The solution of n equations, by elimination with pivots; `rows` (n, n) and `right` (n,) are used up.
-template <int N> void solve(double (&rows)[N][N], double (&right)[N]) {
-    for (int k = 0; k < N; ++k) {
-        int pivot = k;
-        for (int r = k + 1; r < N; ++r)
-            if (std::fabs(rows[r][k]) > std::fabs(rows[pivot][k])) pivot = r;
-        std::swap(rows[k], rows[pivot]), std::swap(right[k], right[pivot]);
-        for (int r = k + 1; r < N; ++r) {
-            const double times = rows[r][k] / rows[k][k];
-            for (int c = k; c < N; ++c) rows[r][c] -= times * rows[k][c];
-            right[r] -= times * right[k];
-        }
-    }
-    for (int k = N - 1; k >= 0; --k) {
-        for (int c = k + 1; c < N; ++c) right[k] -= rows[k][c] * right[c];
-        right[k] /= rows[k][k];
-    }
-}
-
-// Turn a rotation (3, 3) by a rotation vector in its own frame (Rodrigues).
-void turn_by(const float* vector, float* rotation) {
-    const double x = vector[0], y = vector[1], z = vector[2], angle = std::sqrt(x * x + y * y + z * z);
-    const double first = angle > 1e-8 ? std::sin(angle) / angle : 1, half = angle > 1e-8 ? std::sin(angle / 2) / angle : 0.5;
-    const double second = 2 * half * half, cross[3][3] = {{0, -z, y}, {z, 0, -x}, {-y, x, 0}};
-    double turn[3][3];
-    for (int r = 0; r < 3; ++r)
-        for (int c = 0; c < 3; ++c) {
-            turn[r][c] = (r == c) + first * cross[r][c];
-            for (int k = 0; k < 3; ++k) turn[r][c] += second * cross[r][k] * cross[k][c];
-        }
-    for (int r = 0; r < 3; ++r) {
-        const double old[3] = {rotation[3 * r], rotation[3 * r + 1], rotation[3 * r + 2]};
-        for (int c = 0; c < 3; ++c) rotation[3 * r + c] = float(old[0] * turn[0][c] + old[1] * turn[1][c] + old[2] * turn[2][c]);
-    }
-}
-
-// Move a pose by the solution of the damped equations: turn (rad), move (m) and, where it is unknown, logarithm of the focal length.
-template <int UNKNOWNS>
-void move(const float* hessian, const float* gradient, const Rules& rules, bool is_last, float* rotation, float* position, float* log_focal,
-    float* step) {
-    double rows[UNKNOWNS][UNKNOWNS], right[UNKNOWNS];
-    for (int r = 0; r < UNKNOWNS; ++r) {
-        right[r] = gradient[r];
-        for (int c = 0; c < UNKNOWNS; ++c) rows[r][c] = hessian[UNKNOWNS * r + c];
-    }
-    // A focal length at a bound, beyond which the loss falls, is no unknown: the pose must not follow it.
-    if (UNKNOWNS == 7
-        && ((*log_focal <= rules.least_log_focal && right[6] > 0) || (*log_focal >= rules.most_log_focal && right[6] < 0))) {
-        for (int k = 0; k < UNKNOWNS; ++k) rows[UNKNOWNS - 1][k] = rows[k][UNKNOWNS - 1] = 0;
-        right[UNKNOWNS - 1] = 0;
-    }
-    for (int k = 0; k < UNKNOWNS; ++k) rows[k][k] += rows[k][k] * rules.damping + 1e-6;
-    solve(rows, right);
-    for (int k = 0; k < UNKNOWNS; ++k) step[k] = float(-(is_last ? 1 : rules.lengthening) * right[k]);
-    // As a whole: a part of it alone would leave the valley that pose and focal length share.
-    const float turned = METRES_PER_RAD * std::sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-    const float moved = std::sqrt(step[3] * step[3] + step[4] * step[4] + step[5] * step[5]);
-    const float spread = UNKNOWNS == 7 ? METRES_PER_LOG * std::fabs(step[UNKNOWNS - 1]) : 0;
-    const float longest = std::max({1.0f, turned / rules.max_step_m, moved / rules.max_step_m, spread / rules.max_step_m});
-    for (int k = 0; k < UNKNOWNS; ++k) step[k] /= longest;
-    for (int r = 0; r < 3; ++r)
-        position[r] += rotation[3 * r] * step[3] + rotation[3 * r + 1] * step[4] + rotation[3 * r + 2] * step[5];
-    turn_by(step, rotation);
-    if (UNKNOWNS == 7) *log_focal = std::min(std::max(*log_focal + step[UNKNOWNS - 1], rules.least_log_focal), rules.most_log_focal);
-}
 
 }  // namespace
 }  // namespace panoloc

@@ -14,14 +14,21 @@ class PatchSums:
 
     def __init__(self, patches: Tensor) -> None:
         """patches: (N,) int64, ascending, each from 0 to P − 1 at least once."""
-        assert bool((patches.diff() >= 0).all()), "points of one patch must follow each other"
+        # To look would make a GPU wait.
+        ascend = patches.device.type != "cpu" or bool((patches.diff() >= 0).all())
+        assert ascend, "points of one patch must follow each other"
         self.patches = patches
-        self._sums_of = _by_walking(patches) if patches.device.type == "cpu" else _by_product(patches)
 
     @cached_property
     def starts(self) -> Tensor:
         """Return the number (P + 1,) int64 of the first point of each patch, and N."""
-        return torch.searchsorted(self.patches, torch.arange(int(self.patches[-1]) + 2))
+        numbers = torch.arange(int(self.patches[-1]) + 2, device=self.patches.device)
+        return torch.searchsorted(self.patches, numbers)
+
+    @cached_property
+    def _sums_of(self) -> Callable[[Tensor], Tensor]:
+        """Return what adds up, which kernels do by themselves."""
+        return _by_walking(self.patches) if self.patches.device.type == "cpu" else _by_product(self.patches)
 
     def __call__(self, values: Tensor) -> Tensor:
         """Return the sums (..., P) of values (..., N)."""

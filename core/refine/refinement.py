@@ -16,6 +16,7 @@ from torch import Tensor
 from panoloc.core.config import DISTANCES, StepConfig, StoppingRule
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.image.level import Level
+from panoloc.core.kernels.cuda import has_cuda_kernel
 from panoloc.core.refine.patches import PatchSums
 from panoloc.core.refine.step import PointPlanes, pose_steps
 
@@ -132,8 +133,10 @@ def refine(
     active = _at_start(points, rotations, positions, log_focals, focal_bounds)
     converged: list[Refined] = []
     done = 0
+    # A GPU takes the steps of those that no longer move beside the others; to ask which these are would make it wait.
+    all_at_once = stop is None or has_cuda_kernel("pose_steps", rotations)
     while done < iterations and len(active.poses.numbers):
-        count = min(stop.interval if stop else iterations, iterations - done)
+        count = iterations if all_at_once or stop is None else min(stop.interval, iterations - done)
         done += count
         active = _stepped(active, level, config, count, within, focal_bounds, is_last=done == iterations)
         if stop and done < iterations:
@@ -143,6 +146,8 @@ def refine(
             if bool(still.any()):
                 converged = [*converged, active.poses.take(still.nonzero()[:, 0])]
                 active = active.take((~still).nonzero()[:, 0])
+    if stop and all_at_once:
+        converged, active = _without_duplicates(converged, active, groups)
     return Refined.joined([*converged, active.poses])
 
 

@@ -20,12 +20,14 @@ from torch import Tensor
 from panoloc.core.config import CONTRAST, StepConfig
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.image.level import Level
+from panoloc.core.kernels.cuda import has_cuda_kernel, launch
 from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.refine.patches import PatchSums
 
 _FEWEST_POINTS = 5.0  # of a patch that has a vote
 _MOST_CORRELATED = 0.999
 _LEAST_RATIO = 1e-4  # of a squared residual to the variance of a patch; smaller ones are noise
+_THREADS, _PLANES = 384, 25  # of the kernel for GPUs: threads of a block, numbers that a step keeps of each point
 _METRES_PER_RAD, _METRES_PER_LOG = 1.5, 2.0  # of turns and focal lengths that move what is seen as far as a move does
 
 
@@ -81,7 +83,7 @@ def pose_steps(
     log_focals: (K,), as of `Level.sample_points`; unknown as well within `bounds`, known without. has_last: the last of these steps is the
     very last of a refinement, which is not lengthened.
     """
-    if has_kernels_for(rotations):
+    if _is_compiled_for(rotations):
         return _compiled_steps(level, points, rotations, positions, log_focals, config, bounds, count, has_last)
     for k in range(count):
         rules = replace(config, lengthening=1.0) if has_last and k + 1 == count else config
@@ -93,6 +95,10 @@ def pose_steps(
         if log_focals is not None and bounds is not None:
             log_focals = (log_focals + step[:, 6]).clamp(*bounds)
     return PoseStep(rotations, positions, log_focals, step, found)
+
+
+def _is_compiled_for(tensor: Tensor) -> bool:
+    return has_kernels_for(tensor) or has_cuda_kernel("pose_steps", tensor)
 
 
 def _compiled_steps(
@@ -122,7 +128,11 @@ def _compiled_steps(
     least, most = bounds or (0.0, 0.0)
     rules = config.robust_scale or 0, CONTRAST.noise, config.damping, config.lengthening, config.max_step_m, least, most
     found = hessian, gradient, mass, loss, scale, step
-    call("pose_steps", *image, *cameras, *aligned, *poses, *map(float, rules), count, int(has_last), *found)
+    arguments = *image, *cameras, *aligned, *poses, *map(float, rules), count, int(has_last), *found
+    if has_cuda_kernel("pose_steps", rotations):
+        launch("pose_steps", size, _THREADS, *arguments, rotations.new_empty((size, _PLANES, points.weights.shape[1])))
+    else:
+        call("pose_steps", *arguments)
     return PoseStep(rotations, positions, focals, step, PatchEquations(hessian, gradient, mass, loss, scale))
 
 
@@ -177,7 +187,7 @@ def patch_equations(
     with_focal: bool = False,
 ) -> PatchEquations:
     """Return the equations of a step at K poses; log_focals: as of `Level.sample_points`. with_focal: whether these are unknown."""
-    if has_kernels_for(rotations):
+    if _is_compiled_for(rotations):
         bounds = (0.0, 0.0) if with_focal else None
         return _compiled_steps(level, points, rotations, positions, log_focals, config, bounds, 0).equations
     seen, inside = level.sample_points(points.positions, points.images, rotations, positions, log_focals)

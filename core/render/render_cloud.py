@@ -101,18 +101,16 @@ def drawn_points(cloud: RenderCloud, centers: Tensor, window: SphereWindow, part
     exponent = torch.log2(per_point).floor_().clamp_(0, len(cloud.block_points) - 1).to(torch.int8)
     if parts is not None:
         exponent.masked_fill_(~_blocks_within(cloud, centers, parts), -1)
-    points, views, places, spacings = [], [], [], []
-    for step, blocks in enumerate(cloud.block_points):
-        view, block = (exponent == step).nonzero(as_tuple=True)
-        place = blocks.index_select(0, block) - centers.index_select(0, view)[..., None]
-        if parts is not None:
-            place = parts.rotations.transpose(1, 2).index_select(0, view) @ place
-        member = torch.arange(0, BLOCK, 1 << step, device=centers.device)
-        points.append((block[:, None] * BLOCK + member).flatten())
-        views.append(view.repeat_interleave(len(member)))
-        places.append(place.transpose(0, 1).flatten(1))
-        spacings.append(torch.full((len(points[-1]),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
-    number, view, relative, spacing = torch.cat(points), torch.cat(views), torch.cat(places, dim=1), torch.cat(spacings)
+    view, block = (exponent >= 0).nonzero(as_tuple=True)
+    stride = 1 << exponent[view, block].long()
+    counts = BLOCK // stride
+    which = torch.repeat_interleave(counts)
+    view, block, stride = view[which], block[which], stride[which]
+    member = (torch.arange(len(which), device=which.device) - (counts.cumsum(0) - counts)[which]) * stride
+    number, relative = block * BLOCK + member, cloud.block_points[0][block, :, member] - centers[view]
+    if parts is not None:
+        relative = (relative[:, None] @ parts.rotations[view])[:, 0]
+    relative, spacing = relative.T.contiguous(), cloud.spacing * stride.sqrt()
     u, v = project(relative.T, window.rows, 2 * window.rows)
     pixel, inside = window.pixels_at(u, v)
     pixel += view * (window.height * window.width)

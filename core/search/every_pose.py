@@ -17,6 +17,7 @@ from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.search.described_rig import RigPixels
 
 _STARTS_AT_ONCE = 512
+_NUMBERS_AT_ONCE = 1 << 26  # that lie on a GPU: rotations are taken together there
 
 
 def scores_of_every_pose(photos: RigPixels, views: DescribedViews, rotations: Tensor, is_labels: bool) -> Tensor:
@@ -26,13 +27,15 @@ def scores_of_every_pose(photos: RigPixels, views: DescribedViews, rotations: Te
         return _compiled_scores(photos, views, rotations, is_labels)
     squares = _Squares(photos, is_labels)
     tables = None if is_labels else views.tables
-    pixels = [pixels_towards(squares.directions @ rotation.T, photos.rows) for rotation in rotations]
+    pixels = pixels_towards(squares.directions @ rotations.mT, photos.rows)  # (R, G N)
+    at_once = max(1, _NUMBERS_AT_ONCE // (5 * pixels.shape[1] * min(len(views.pictures), _STARTS_AT_ONCE)))
+    groups = torch.split(pixels, 1 if rotations.device.type == "cpu" else at_once)
     scores = []
     for pictures, seen in zip(
         *(torch.split(part, _STARTS_AT_ONCE) for part in (views.pictures, views.seen)), strict=True
     ):
         planes = _Planes(pictures, seen, tables)
-        scores.append(torch.stack([squares.scores(planes, at) for at in pixels], 1))
+        scores.append(torch.cat([squares.scores(planes, at) for at in groups]).T)
     return torch.cat(scores)
 
 
@@ -91,21 +94,22 @@ class _Squares:
         self._total = photos.solid.sum()
 
     def scores(self, planes: _Planes, at: Tensor) -> Tensor:
-        """Return the scores (T,) of all starts where they show the pixels of the squares at `at` (G N,)."""
-        count, size = self._shape
-        colors = planes.colors.index_select(0, at).view(count, size, -1)  # (G, N, 3 T)
-        seen = planes.seen.index_select(0, at).view(count, size, -1)  # (G, N, T)
-        squares = planes.squares.index_select(0, at).view(count, size, -1)
+        """Return the scores (R, T) of all starts where they show the pixels of the squares at `at` (R, G N)."""
+        shape = len(at), *self._shape
+        colors = planes.colors.index_select(0, at.flatten()).view(*shape, -1)  # (R, G, N, 3 T)
+        seen = planes.seen.index_select(0, at.flatten()).view(*shape, -1)  # (R, G, N, T)
+        squares = planes.squares.index_select(0, at.flatten()).view(*shape, -1)
         # Mass, and first and second moments of the photos, where the scan shows something.
-        own = self._moments @ seen  # (G, 5, T)
-        mass = own[:, 0]
+        own = self._moments @ seen  # (R, G, 5, T)
+        mass = own[:, :, 0]
         per = 1 / mass.clamp_min(1e-9)
-        mean = (self._solid @ colors).view(count, 3, -1) * per[:, None]
-        own_mean = own[:, 1:4] * per[:, None]
-        common = (self._by_own @ colors.view(count, 3 * size, -1))[:, 0] * per - (mean * own_mean).sum(1)
-        variance = (self._solid @ squares)[:, 0] * per - mean.square().sum(1)
-        own_variance = own[:, 4] * per - own_mean.square().sum(1)
+        mean = (self._solid @ colors).view(*shape[:2], 3, -1) * per[:, :, None]
+        own_mean = own[:, :, 1:4] * per[:, :, None]
+        common = (self._by_own @ colors.view(*shape[:2], 3 * shape[2], -1))[:, :, 0] * per - (mean * own_mean).sum(2)
+        variance = (self._solid @ squares)[:, :, 0] * per - mean.square().sum(2)
+        own_variance = own[:, :, 4] * per - own_mean.square().sum(2)
         power = (variance.clamp_min(0) + CONTRAST.noise) * (own_variance.clamp_min(0) + CONTRAST.noise)
         explained = 1 - (1 - (common.clamp_min(0).square() / power).clamp_max(1)).sqrt()
-        total = mass.sum(0)
-        return (explained * mass).sum(0) / total.clamp_min(1e-9) * (total / self._total).sqrt()
+        total = mass.sum(1)
+        scores: Tensor = (explained * mass).sum(1) / total.clamp_min(1e-9) * (total / self._total).sqrt()
+        return scores

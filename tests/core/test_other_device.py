@@ -68,12 +68,12 @@ def test_photos_with_parallax_and_lines_are_localized_there_as_well() -> None:
     rig = session_of()
     with OtherDevice():
         found = Localizer(device=str(DEVICE)).localize(rig, [map_of(BOX).to(DEVICE)])
-    assert_same(best_of(found), best_of(localized(rig)), 0.003)
+    assert_same(best_of(found), best_of(localized(rig)), 0.006, 0.1)
 
 
 # A micrometre at the start of the last refinement moves its end by some millimetres, where a point falls into another pixel.
-def assert_same(there: Candidate, here: Candidate, position_m: float = 0.001) -> None:
-    assert pose_error(there.pose, here.pose).within(position_m, 0.05)
+def assert_same(there: Candidate, here: Candidate, position_m: float = 0.001, angle_deg: float = 0.05) -> None:
+    assert pose_error(there.pose, here.pose).within(position_m, angle_deg)
     assert there.confidence == pytest.approx(here.confidence, abs=0.01)
 
 
