@@ -74,7 +74,7 @@ class QueryOptions:
 class QueryImage:
     """One image of a query.
 
-    data, mask: the uploaded files (JPEG, PNG or WebP), not decoded. camera: None to take it from the file's metadata.
+    data, mask: the uploaded files (`KNOWN_FORMATS`), not decoded. camera: None to take it from the file's metadata.
     session_from_camera: the pose that the device tracked; None for a single image without one.
     """
 

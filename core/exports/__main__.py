@@ -28,8 +28,9 @@ def main(arguments: list[str]) -> int:
         # Beside it: the system's own folder may be memory, as in a container.
         tempfile.tempdir = str(target.parent)
     try:
-        files = export(name, read_tour(tour))
-        (write_zip if target.suffix == ".zip" else write_folder)(files, target)
+        with tempfile.TemporaryDirectory(prefix="panoloc-photos-") as folder:
+            files = export(name, read_tour(tour, Path(folder)))
+            (write_zip if target.suffix == ".zip" else write_folder)(files, target)
     except CoreError as error:
         print(error, file=sys.stderr)
         return REFUSED

@@ -51,8 +51,8 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
 def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
     """Yield the files of a tour in a format, then `unplaced.txt` and `export.json`, which say what is left out and why.
 
-    Files are made one by one, so that at most one is in memory. Raises ExportRefusedError for a map without a georeference
-    where the format needs one.
+    Panoramas that were converted are among them, for formats that only name files. Files are made one by one, so that at most one is in
+    memory. Raises ExportRefusedError for a map without a georeference where the format needs one.
     """
     exporter = EXPORTERS[format_name]
     if format_name in FORMATS_ON_EARTH and tour.georeference is None and tour.coordinate_system is None:
@@ -61,7 +61,13 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
             f"places on Earth, got a map without one; set one with PATCH /maps/{{id}}, or choose another format"
         )
     held = _held(exporter, tour)
-    yield from exporter.write(held)
+    written = set()
+    for file in exporter.write(held):
+        written.add(file.path)
+        yield file
+    for photo in held.photos:
+        if photo.is_converted and photo.image is not None and photo.name not in written:
+            yield ExportedFile(photo.name, photo.image)
     lines = "".join(f"{display_name(each.name)}\t{each.reason}\n" for each in held.left_out)
     yield ExportedFile("unplaced.txt", lines.encode(errors="surrogateescape"))
     summary = {

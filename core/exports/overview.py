@@ -3,10 +3,12 @@
 `python -m panoloc.core.exports.overview DOCUMENT.json PICTURE…` draws them.
 """
 
+import io
 import json
 import math
 import sys
 import unicodedata
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,8 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
+from panoloc.core.errors import CoreError
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.options import ScanOptions
+from panoloc.core.image.heif_conversion import converted
+from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, image_kind
+from panoloc.core.options import MAX_PIXELS, ScanOptions
 from panoloc.core.scan.from_above import Area, SeenFromAbove, draw_from_above
 from panoloc.core.scan.reading import read_scan
 
@@ -217,17 +222,20 @@ def draw_contact_sheet(placement: Placement) -> NDArray[np.uint8]:
     across = max(1, min(len(photos), round(math.sqrt(max(1, len(photos)) * _PAGE_SHAPE * cell_height / cell_width))))
     down = max(1, math.ceil(len(photos) / across))
     sheet = Image.new("RGB", (across * cell_width + _GAP, down * cell_height + _GAP), PAPER)
-    for place, photo in enumerate(photos):
-        row, column = divmod(place, across)
-        _draw_thumbnail(sheet, photo, _GAP + column * cell_width, _GAP + row * cell_height, width, text)
+    with ThreadPoolExecutor() as threads:
+        small = threads.map(lambda photo: _small(photo, width, width // 2), photos)
+        for place, (photo, shown) in enumerate(zip(photos, small, strict=True)):
+            row, column = divmod(place, across)
+            _draw_thumbnail(sheet, photo, shown, _GAP + column * cell_width, _GAP + row * cell_height, width, text)
     return np.asarray(sheet, dtype=np.uint8)
 
 
-def _draw_thumbnail(sheet: Image.Image, photo: PhotoSeen, left: int, top: int, width: int, text: int) -> None:
+def _draw_thumbnail(
+    sheet: Image.Image, photo: PhotoSeen, small: Image.Image | None, left: int, top: int, width: int, text: int
+) -> None:
     color, height = COLOR_OF[photo.status], width // 2
     pen = ImageDraw.Draw(sheet)
     pen.rectangle((left - _FRAME, top - _FRAME, left + width + _FRAME - 1, top + height + _FRAME - 1), fill=color)
-    small = _small(photo, width, height)
     pen.rectangle((left, top, left + width - 1, top + height - 1), fill=_NO_PICTURE)
     if small is not None:
         sheet.paste(small, (left + (width - small.width) // 2, top + (height - small.height) // 2))
@@ -243,12 +251,14 @@ def _small(photo: PhotoSeen, width: int, height: int) -> Image.Image | None:
     if photo.image is None:
         return None
     try:
-        with Image.open(photo.image) as opened:
+        data = photo.image.read_bytes()
+        readable = converted(data, IMAGE, MAX_PIXELS) if image_kind(data) in CONVERTED_KINDS else data
+        with Image.open(io.BytesIO(readable)) as opened:
             opened.draft("RGB", (width, width))
             turned = ImageOps.exif_transpose(opened)
             turned.thumbnail((width, height))
             return turned.convert("RGB")
-    except (OSError, SyntaxError, ValueError):  # what Pillow raises for damaged files
+    except (OSError, SyntaxError, ValueError, CoreError):  # what Pillow and the conversion raise for damaged files
         return None
 
 

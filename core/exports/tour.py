@@ -1,16 +1,21 @@
 """Placed photos, ready to be written, and the files that come of them."""
 
 import json
+import uuid
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from pi_heif import register_heif_opener
 from PIL import Image
 
 from panoloc.core.earth.geopose import Georeference
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.image.heif_conversion import converted
+from panoloc.core.image.image_header import IMAGE, image_kind
+from panoloc.core.options import MAX_PIXELS
 
 TIME_DECIMALS = 6
 """Of seconds since 1970: a double holds no more."""
@@ -25,7 +30,8 @@ class PlacedPhoto:
 
     name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres.
     width, height: pixels. is_sphere: a full equirectangular panorama. time_unix_s: when it was taken, None where unknown.
-    position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one.
+    position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it was made
+    of the photo, so that an export has to hold it.
     """
 
     name: str
@@ -38,6 +44,7 @@ class PlacedPhoto:
     position_radius_m: float | None = None
     orientation_radius_deg: float | None = None
     image: Path | None = None
+    is_converted: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,8 +117,10 @@ def why_not_as_named(photo: PlacedPhoto) -> str | None:
     return f"its content does not match {ending}; rename it to match its content"
 
 
-def read_tour(path: Path) -> Tour:
+def read_tour(path: Path, folder: Path) -> Tour:
     """Return the tour that a JSON file describes: the input of the process that writes exports.
+
+    folder: gets a JPEG of each panorama in HEIC or AVIF, which other systems do not read; its name gets a second ending, `a.heic.jpg`.
 
     {"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "coordinate_system": null | "EPSG:25832",
      "geoid_undulation_m": null | 46.2, "scan": null | "points.ply", "survey": null | "scan.e57",
@@ -120,13 +129,15 @@ def read_tour(path: Path) -> Tour:
                  "position_radius_m": 0.02, "orientation_radius_deg": 0.3}],
      "left_out": [{"name": "b.jpg", "reason": "not_localized"}]}
 
-    Sizes and times are read from the photos. Raises OSError for photos that cannot be opened.
+    Sizes and times are read from the photos. Raises OSError and PanoramaDamagedError for photos that cannot be opened.
     """
+    # What is here has been placed, so that its decoder has read it in its sandbox.
+    register_heif_opener()
     document = json.loads(path.read_text(encoding="utf-8"))
     place = document["georeference"]
     given = {
         **document,
-        "photos": tuple(_photo(**each) for each in document["photos"]),
+        "photos": tuple(_photo(folder, **each) for each in document["photos"]),
         "left_out": tuple(LeftOut(**each) for each in document["left_out"]),
         "georeference": None if place is None else Georeference(**place),
         **{name: None if document[name] is None else Path(document[name]) for name in ("scan", "survey")},
@@ -135,7 +146,15 @@ def read_tour(path: Path) -> Tour:
 
 
 def _photo(
-    *, image: str, frame: Any, position_m: list[float], quaternion_xyzw: list[float], camera_model: str, **given: Any
+    folder: Path,
+    *,
+    name: str,
+    image: str,
+    frame: Any,
+    position_m: list[float],
+    quaternion_xyzw: list[float],
+    camera_model: str,
+    **given: Any,
 ) -> PlacedPhoto:
     # More pixels than Pillow likes were accepted when the photo was placed; nothing is decoded here.
     Image.MAX_IMAGE_PIXELS = None
@@ -145,13 +164,22 @@ def _photo(
         time_unix_s = _time_taken(exif.get_ifd(_EXIF_IFD))
     if exif.get(_ORIENTATION) in _ON_ITS_SIDE:
         width, height = height, width
+    is_sphere, file = camera_model == "equirectangular" and width == 2 * height, Path(image)
+    is_converted = is_sphere and opened.format in ("HEIF", "AVIF")
+    if is_converted:
+        file = folder / uuid.uuid4().hex
+        data = converted(Path(image).read_bytes(), IMAGE, MAX_PIXELS)
+        file.write_bytes(data)
+        name += ".png" if image_kind(data) == "png" else ".jpg"
     return PlacedPhoto(
+        name=name,
         map_from_camera=Pose.from_frame(position_m, quaternion_xyzw, frame),
         width=width,
         height=height,
-        is_sphere=camera_model == "equirectangular" and width == 2 * height,
+        is_sphere=is_sphere,
         time_unix_s=time_unix_s,
-        image=Path(image),
+        image=file,
+        is_converted=is_converted,
         **given,
     )
 

@@ -9,7 +9,8 @@ from PIL import Image, ImageOps
 from PIL.ImageFile import ImageFile
 
 from panoloc.core.errors import MaskShapeError, PanoramaTooLargeError
-from panoloc.core.image.image_header import MASK, Upload, open_image
+from panoloc.core.image.heif_conversion import open_decodable
+from panoloc.core.image.image_header import MASK, Upload
 from panoloc.core.image.known_camera import Crop
 
 MIN_HEIGHT = 64  # rows of a full sphere in which anything can be told apart
@@ -60,7 +61,7 @@ def color_and_alpha(image: Image.Image) -> tuple[NDArray[np.uint8], NDArray[np.b
 
 def read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[np.bool_]:
     """Return which pixels to ignore, resized to the panorama's shape (h, w)."""
-    image = open_image(data, MASK, max_pixels)
+    data, image = open_decodable(data, MASK, max_pixels)
     check_png_rows(data, MASK)
     width, height = image.size
     if abs(width * shape[0] - height * shape[1]) > 0.01 * width * shape[0]:

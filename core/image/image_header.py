@@ -19,9 +19,15 @@ from panoloc.core.errors import (
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
-ImageKind = Literal["jpeg", "png", "webp"]
-KNOWN_FORMATS = "JPEG, PNG or WebP"
-KIND_BYTES = 16
+ImageKind = Literal["jpeg", "png", "webp", "heic", "avif"]
+KNOWN_FORMATS = "JPEG, PNG, WebP, HEIC or AVIF"
+KIND_BYTES = 64
+CONVERTED_KINDS: tuple[ImageKind, ...] = ("heic", "avif")
+"""Formats that `panoloc.core.image.heif_conversion` converts before anything reads them."""
+_BRANDS: dict[ImageKind, frozenset[bytes]] = {
+    "avif": frozenset({b"avif", b"avis"}),
+    "heic": frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"}),
+}
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,7 @@ def open_images(files: Sequence[bytes], upload: Upload, max_pixels: int) -> list
 
 
 def open_image(data: bytes, upload: Upload, max_pixels: int) -> "ImageFile":
-    """Open an upload without decoding it.
+    """Open an upload without decoding it; for the pixels of HEIC and AVIF see `panoloc.core.image.heif_conversion`.
 
     Raises its `format_error` for no image, `damaged_error`, or `too_large_error` for more than `max_pixels` pixels.
     """
@@ -73,8 +79,9 @@ def open_image(data: bytes, upload: Upload, max_pixels: int) -> "ImageFile":
     from PIL.PngImagePlugin import PngImageFile
     from PIL.WebPImagePlugin import WebPImageFile
 
-    readers: dict[str, type[JpegImageFile | PngImageFile | WebPImageFile]]
-    readers = {"jpeg": JpegImageFile, "png": PngImageFile, "webp": WebPImageFile}
+    from panoloc.core.image.heif_header import HeifHeader
+
+    readers: dict[ImageKind, type[ImageFile]] = {"jpeg": JpegImageFile, "png": PngImageFile, "webp": WebPImageFile}
     kind = image_kind(data)
     if kind is None:
         advice = "convert it to one of them" if data else "its content was not saved or not sent; check the file"
@@ -85,7 +92,7 @@ def open_image(data: bytes, upload: Upload, max_pixels: int) -> "ImageFile":
         )
     try:
         # Not `Image.open`, which has a limit of its own.
-        image = readers[kind](io.BytesIO(data))
+        image = readers.get(kind, HeifHeader)(io.BytesIO(data))
     except DecompressionBombError as error:  # of WebP
         raise upload.too_large_error(f"{upload.name}: expected fewer pixels ({error}); scale it down") from error
     except (OSError, SyntaxError, ValueError) as error:
@@ -109,6 +116,11 @@ def image_kind(head: bytes) -> ImageKind | None:
         return "jpeg"
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         return "webp"
+    if head[4:8] == b"ftyp":
+        # The major brand, its version, and all brands that the file is compatible with: photos of phones are all HEIC by one or the other.
+        end = min(int.from_bytes(head[:4], "big"), len(head))
+        brands = {head[8:12], *(head[at : at + 4] for at in range(16, end, 4))}
+        return next((kind for kind, known in _BRANDS.items() if brands & known), None)
     return None
 
 
@@ -133,6 +145,6 @@ def _description(data: bytes) -> str:
     if _is_text(data):
         return f"text ({data[:80].decode(errors='replace')!r})"
     if head[4:8] == b"ftyp":
-        return "a HEIC image or a video"
+        return "a video, or an image in another format"
     named = (kind for beginning, kind in _OTHER_KINDS.items() if head.startswith(beginning))
     return next(named, f"bytes that begin {head.hex(' ')}")

@@ -1,4 +1,4 @@
-"""Read a panorama, or a photo of a known camera, from the bytes of a JPEG, PNG or WebP file: limits first, pixels later.
+"""Read a panorama, or a photo of a known camera, from the bytes of its file: limits first, pixels later.
 
 EXIF orientation is honoured. GPano crop fields place a cropped panorama in the full sphere. A photo is placed there by its camera: the one
 that the caller describes, else a pinhole of the focal length that EXIF gives. Without any of these anything but 2:1 is an error. An
@@ -16,6 +16,7 @@ from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.errors import MaskShapeError, PanoramaUnusableError
+from panoloc.core.image.heif_conversion import open_decodable
 from panoloc.core.image.image_file import (
     MIN_HEIGHT,
     check_png_rows,
@@ -24,7 +25,7 @@ from panoloc.core.image.image_file import (
     place_crop,
     read_mask,
 )
-from panoloc.core.image.image_header import IMAGE, open_image
+from panoloc.core.image.image_header import IMAGE
 from panoloc.core.image.invalid_regions.finding import find_missing
 from panoloc.core.image.known_camera import known_camera, rounding_share, upright_size, words_of_copy
 from panoloc.core.image.photo_window import FINEST_PX_PER_RAD, FINEST_ROWS, check_share, rig_on_sphere
@@ -51,12 +52,12 @@ def read_image(
 ) -> Photo:
     """Decode a photo of a known camera; a panorama is one of a camera that wraps.
 
-    data: a JPEG, PNG or WebP file, 8 or 16 bit. mask: an image of the same aspect ratio, non-zero = ignore. camera: what took it; None: the
-    file says so itself. max_pixels: checked against the header before anything is decoded.
+    data: a file in one of `KNOWN_FORMATS`, 8 or 16 bit. mask: an image of the same aspect ratio, non-zero = ignore. camera: what took it;
+    None: the file says so itself. max_pixels: checked against the header before anything is decoded.
     Raises PanoramaFormatError, PanoramaTooLargeError, PanoramaDamagedError, PanoramaShapeError or PanoramaUnusableError; for the mask the
     subclasses MaskFormatError, MaskTooLargeError, MaskDamagedError or MaskShapeError; OptionsError where camera and image do not fit.
     """
-    image = open_image(data, IMAGE, max_pixels)
+    data, image = open_decodable(data, IMAGE, max_pixels)
     check_png_rows(data, IMAGE)
     size = upright_size(image)
     if camera is not None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from panoloc.core.errors import ScanContentError, ScanError
 from panoloc.core.options import ScanOptions
+from panoloc.core.sandbox import SandboxLimits
 from panoloc.core.scan.collecting import ScanCollector
 from panoloc.core.scan.e57.reader import read_e57
 from panoloc.core.scan.format_detection import (
@@ -29,7 +30,6 @@ from panoloc.core.scan.ply.reader import read_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.ptx import read_ptx
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext, ScanReader
-from panoloc.core.scan.sandbox.child import SandboxLimits
 from panoloc.core.scan.sandbox.reading import read_in_sandbox
 from panoloc.core.scan.text.reader import detect_layout, read_text
 from panoloc.core.scan.unpacking import unpacked

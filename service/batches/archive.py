@@ -13,7 +13,7 @@ from panoloc.core.scan.file_names import distinct_names
 from panoloc.core.scan.zip_opening import is_encrypted, is_link, leads_out, open_zip
 from panoloc.service.errors import ArchiveError, UploadTooLargeError
 
-IMAGE_ENDINGS = frozenset({".jpg", ".jpeg", ".png", ".webp"})
+IMAGE_ENDINGS = frozenset({".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif", ".hif", ".avif"})
 _BLOCK_BYTES = 2**20
 _MAX_ENTRIES = 20_000
 _LONGEST_NAME = 200

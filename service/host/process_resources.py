@@ -87,7 +87,7 @@ def limit_process(num_bytes: int, cpu_s: float) -> None:
 
 
 def can_filter_system_calls() -> bool:
-    """Tell whether the readers of scans will have their filter, see `panoloc.core.scan.sandbox.child`."""
+    """Tell whether the readers of scans will have their filter, see `panoloc.core.sandbox`."""
     try:
         knows_seccomp = "\nSeccomp:" in Path("/proc/self/status").read_text()
     except OSError:

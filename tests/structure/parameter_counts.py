@@ -13,7 +13,10 @@ _INVALID_REGIONS = "core/image/invalid_regions/*"
 # Numbers that are no parameters, by `file:NAME`, and why.
 _NO_PARAMETERS = {
     "formats of files and frames": (
-        *(f"core/image/{name}.py:*" for name in ("image_file", "image_header", "known_camera")),
+        *(
+            f"core/image/{name}.py:*"
+            for name in ("heif_header", "heif_conversion", "image_file", "image_header", "known_camera")
+        ),
         *("core/map/map_codec.py:*", "core/map/map_index.py:INDEX_VERSION"),
         *("core/geometry/pose.py:_CAMERA_AXES", "core/geometry/pose.py:_MAP_AXES"),
     ),

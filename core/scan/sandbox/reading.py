@@ -15,14 +15,12 @@ import numpy as np
 
 import panoloc.core.errors
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
+from panoloc.core.sandbox import SandboxLimits, sandbox_environment
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
-from panoloc.core.scan.sandbox.child import SandboxLimits
 
 _READ_BYTES = 1 << 20
 _MAX_LINE_BYTES = 1 << 16
 _COLOR_TYPES = ("|u1", "<u2", "<f8")
-_NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
-_FAMILIES = ("LC_", "PYTHON")
 _SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split it, and upload it again."
 _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 
@@ -58,16 +56,13 @@ class _Sandbox:
             "options": dataclasses.asdict(context.options),
             "limits": dataclasses.asdict(limits),
         }
-        # Only what a reader needs: no passwords, no tokens.
-        environment = {name: text for name, text in os.environ.items() if name in _NEEDED or name.startswith(_FAMILIES)}
-        environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "panoloc.core.scan.sandbox.child", json.dumps(job)],
             stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**environment, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env=sandbox_environment(),
             start_new_session=True,
         )
         assert self._process.stdout is not None

@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from panoloc.core.errors import CoreError
+from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS, open_image
 from panoloc.core.options import MAX_PIXELS
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo
@@ -155,7 +156,7 @@ class _Placing:
     def _names(self) -> list[str]:
         """Return the names of the photos; show which files are left out."""
         files = self.folder.files()
-        unread = _several(files.unread, " cannot be read; save photos as JPEG, PNG or WebP")
+        unread = _several(files.unread, f" cannot be read; save photos as {KNOWN_FORMATS}")
         if not files.photos:
             endings, folder = ", ".join(sorted(IMAGE_ENDINGS)), self.folder.question.photos
             raise _wrong_folder(f"expected photos ({endings}), got none in {folder}{': ' if unread else ''}{unread}")
@@ -235,8 +236,7 @@ def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> 
 
 
 def _is_panorama(photo: Path) -> bool:
-    # Commands load these modules only when they need them.
-    from panoloc.core.image.image_header import IMAGE, open_image
+    # Loaded only where needed, with Pillow.
     from panoloc.core.image.known_camera import is_full_sphere
 
     try:

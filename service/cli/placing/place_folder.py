@@ -30,9 +30,7 @@ _QUESTION = "place.json"
 _LOCK = ".lock"
 _OF_THE_PHOTO = (413, 415, 422)
 _OPTIONS_REFUSED = "/problems/invalid-options"
-_UNREAD_ENDINGS = frozenset(
-    {".heic", ".heif", ".avif", ".tif", ".tiff", ".dng", ".insp", ".jxl", ".jp2", ".bmp", ".gif"}
-)
+_UNREAD_ENDINGS = frozenset({".tif", ".tiff", ".dng", ".insp", ".jxl", ".jp2", ".bmp", ".gif"})
 
 
 @dataclass(frozen=True)

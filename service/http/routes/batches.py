@@ -8,6 +8,8 @@ from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 from fastapi import APIRouter, Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
+from panoloc.core.image.heif_conversion import converted
+from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, image_kind
 from panoloc.core.options import ExportFormat
 from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from panoloc.service.batches.record import BatchRecord
@@ -29,8 +31,7 @@ _MAX_IGNORED = 100
 _EXPORT_TIME_S = 600.0
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
-_IMAGE_HEADS = ((b"\xff\xd8\xff", "image/jpeg"), (b"\x89PNG", "image/png"), (b"RIFF", "image/webp"))
-_IMAGE_TYPES = tuple(kind for _, kind in _IMAGE_HEADS)
+_IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
 _ZIP = "A zip with the files of the format, `unplaced.txt` and `export.json`."
 
 
@@ -59,12 +60,12 @@ async def get_batch(
     "/batches/{batch_id}/images/{number}",
     summary="Fetch an image of a batch",
     response_class=Response,
-    responses=file_response("The bytes as uploaded.", _IMAGE_TYPES, 401, 403, 404, 422),
+    responses=file_response("The bytes as uploaded; of a HEIC or AVIF a JPEG.", _IMAGE_TYPES, 401, 403, 404, 413, 422),
 )
 async def get_image(
     request: Request, batch_id: str, number: Annotated[int, Path(ge=0, description="`number` of its item.")]
 ) -> Response:
-    """Return an image as uploaded; a file of another kind is returned as plain bytes."""
+    """Return an image as uploaded; a HEIC or AVIF as a JPEG, which all programs show. A file of another kind is returned as plain bytes."""
     services = services_of(request)
     record = own_batch(request, batch_id)
     if number >= len(record.names):
@@ -72,7 +73,11 @@ async def get_image(
             f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
         )
     data = await services.batches.image(batch_id, number)
-    media_type = next((kind for head, kind in _IMAGE_HEADS if data.startswith(head)), "application/octet-stream")
+    if image_kind(data) in CONVERTED_KINDS:
+        async with services.export_turns:
+            data = await asyncio.to_thread(converted, data, IMAGE, services.settings.max_pixels)
+    kind = image_kind(data)
+    media_type = f"image/{kind}" if kind else "application/octet-stream"
     headers = {"Cache-Control": "private, max-age=3600, immutable", "X-Content-Type-Options": "nosniff"}
     return Response(data, media_type=media_type, headers=headers)
 

@@ -160,5 +160,7 @@ async def _images(form: Form, services: Services, folder: Path) -> tuple[list[Un
     with disk_errors():
         images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
     if not images:
-        raise ArchiveError("archive: expected images, got a zip without any; image names end in .jpg, .png or .webp")
+        raise ArchiveError(
+            "archive: expected images, got a zip without any; image names end in .jpg, .png, .webp, .heic or .avif"
+        )
     return images, ignored

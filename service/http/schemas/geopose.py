@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from panoloc.core.errors import OptionsError
+from panoloc.core.image.image_header import KNOWN_FORMATS
 from panoloc.service.answer import GeoPose, ResponseModel
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.schemas.queries import Camera
@@ -60,7 +61,7 @@ class ImageOrientation(_Lenient):
 class CameraReading(_Lenient):
     """One image."""
 
-    imageBytes: str = Field(description="A JPEG, PNG or WebP as base64.")  # noqa: N815
+    imageBytes: str = Field(description=f"A {KNOWN_FORMATS} file as base64.")  # noqa: N815
     imageFormat: str | None = Field(None, max_length=40, description="`DEPTH`: the image is ignored.")  # noqa: N815
     size: Annotated[list[int], Field(max_length=4)] | None = Field(None, description="Width and height of `params`.")
     imageOrientation: ImageOrientation | None = None  # noqa: N815

@@ -24,6 +24,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.exports.tours import jpeg, rotation_of
+from tests.core.image.picture_files import heic
 
 LARGE = np.array([431_250.0, 5_312_480.0, 412.0])
 
@@ -137,3 +138,10 @@ def test_letters_of_many_languages_are_drawn_and_those_of_no_font_are_question_m
     assert legible("Küche Кухня Κουζίνα.jpg", font) == "Küche Кухня Κουζίνα.jpg"
     assert legible("Ku\u0308che.jpg", font) == "Küche.jpg"  # as macOS writes it
     assert legible("厨房 1.jpg", font) == "?? 1.jpg"
+
+
+def test_a_photo_in_heic_is_on_the_sheet(tmp_path: Path) -> None:
+    photo = tmp_path / "00000"
+    photo.write_bytes(heic(np.full((64, 128, 3), (0, 200, 0), np.uint8)))
+    sheet = draw_contact_sheet(Placement("map_1", (PhotoSeen(1, "a.heic", "localized", 0.9, (), photo),), None))
+    assert (np.abs(sheet.astype(int) - (0, 200, 0)).max(axis=2) < 8).sum() > 1000

@@ -6,6 +6,7 @@ import zlib
 from typing import Any
 
 import numpy as np
+import pillow_heif
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -38,6 +39,29 @@ def photo_file(
     if taken is not None:
         exif.get_ifd(0x8769)[0xA002], exif.get_ifd(0x8769)[0xA003] = taken
     return encoded(pixels, "JPEG", quality=97, exif=exif)
+
+
+def phone_exif(focal_mm: int = 26, orientation: int = 1) -> bytes:
+    """Return EXIF data as a phone writes them: the focal length in 35 mm terms, GPS, and a note of the maker's."""
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    exif.get_ifd(0x8769).update({0xA405: focal_mm, 0x927C: b"Apple iOS" + bytes(70_000)})
+    exif.get_ifd(0x8825).update({1: "N", 2: (47.0, 42.0, 0.0)})
+    return exif.tobytes()
+
+
+def heic(pixels: NDArray[Any], exif: bytes = b"", *others: NDArray[np.uint8], **options: Any) -> bytes:
+    """Return pixels as the bytes of a HEIC: 8-bit (h, w, 3) or (h, w, 4), or 16-bit (h, w, 3), which are written with 10 bits.
+
+    An orientation in `exif` turns the image as phones do it: by the container. others: further images in the file.
+    """
+    mode = {3: "RGB", 4: "RGBA"}[pixels.shape[2]] + (";16" if pixels.dtype == np.uint16 else "")
+    file = pillow_heif.from_bytes(mode, pixels.shape[1::-1], pixels.tobytes())
+    for other in others:
+        file.add_from_pillow(Image.fromarray(other))
+    buffer = io.BytesIO()
+    file.save(buffer, quality=90, chroma=444, exif=exif or None, primary_index=0, **options)
+    return buffer.getvalue()
 
 
 def gpano_packet(

@@ -27,6 +27,7 @@ WRITERS: dict[str, dict[str, Any]] = {
     "progressive jpeg": {"format": "JPEG", "progressive": True, "exif": Image.Exif().tobytes() + bytes(2000)},
     "webp": {"format": "WEBP"},
     "lossless webp": {"format": "WEBP", "lossless": True},
+    "avif": {"format": "AVIF"},
     "webp with alpha": {"format": "WEBP", "mode": "RGBA"},
 }
 
@@ -42,7 +43,16 @@ def test_the_size_is_that_of_the_image(name: str) -> None:
 
 @given(
     st.binary(),
-    st.sampled_from([b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF\0\0\0\0WEBPVP8 ", b"RIFF\0\0\0\0WEBPVP8X"]),
+    st.sampled_from(
+        [
+            b"",
+            b"\x89PNG\r\n\x1a\n",
+            b"\xff\xd8\xff",
+            b"RIFF\0\0\0\0WEBPVP8 ",
+            b"RIFF\0\0\0\0WEBPVP8X",
+            b"\0\0\0\x10ftypheic\0\0\0\0",
+        ]
+    ),
 )
 def test_any_bytes_have_a_size_or_are_no_image(data: bytes, head: bytes) -> None:
     try:
@@ -91,7 +101,7 @@ def test_files_that_claim_too_many_pixels_are_refused_before_they_take_memory_or
     ("data", "said"),
     [
         *((encoded(np.zeros((4, 8, 3), np.uint8), kind), f"a {kind} image") for kind in ("GIF", "BMP", "TIFF")),
-        (b"\x00\x00\x00\x1cftypheic\x00\x00", "a HEIC image or a video"),
+        (b"\x00\x00\x00\x18ftypisom\x00\x00\x02\x00isomiso2", "a video, or an image in another format"),
         (b"BM is how this text begins", "text"),
         (b"\x01\x02\x03", "bytes that begin 01 02 03"),
     ],

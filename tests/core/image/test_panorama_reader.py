@@ -142,7 +142,7 @@ def test_a_picture_that_ends_early_is_refused_and_told_so(kind: str, share: floa
 
 @pytest.mark.parametrize("data", [b"", b"hello, this is no picture", b"%PDF-1.7 ...", b"GIF89a" + bytes(100), b"\xff"])
 def test_text_and_other_files_are_refused_with_what_was_expected(data: bytes) -> None:
-    with pytest.raises(errors.PanoramaFormatError, match="expected a JPEG, PNG or WebP"):
+    with pytest.raises(errors.PanoramaFormatError, match="expected a JPEG, PNG, WebP, HEIC or AVIF"):
         read_panorama(data)
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
 from panoloc.core.options import ScanOptions
+from panoloc.core.sandbox import SandboxLimits
 from panoloc.core.scan.reading import read_scan
 from panoloc.core.scan.reading_context import ReadingContext
-from panoloc.core.scan.sandbox.child import SandboxLimits
 from panoloc.core.scan.sandbox.reading import read_in_sandbox
 from tests.core.scan.e57_files import CARTESIAN, RED_GREEN_BLUE, add_scan, pose_node, structure
 from tests.core.scan.scan_files import CLOUD, assert_same_points, codes_of

@@ -8,9 +8,9 @@ import pytest
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
 from panoloc.core.options import ScanOptions
+from panoloc.core.sandbox import SandboxLimits
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading_context import ReadingContext
-from panoloc.core.scan.sandbox.child import SandboxLimits
 from panoloc.core.scan.sandbox.reading import read_in_sandbox
 from tests.core.scan.scan_files import CLOUD, assert_same_points, codes_of, las_of, put, read
 

@@ -210,7 +210,7 @@ def test_a_file_that_is_no_image_is_named_and_nothing_is_sent(
     file = write(tmp_path / "walk", document, num_images=2)
     done = panoloc("localize", "--session", file, "--map", "map_1")
     assert (done.code, fake.requests) == (2, [])
-    for said in ("frames[1] of ", "JPEG, PNG or WebP", "Nothing was sent"):
+    for said in ("frames[1] of ", "JPEG, PNG, WebP, HEIC or AVIF", "Nothing was sent"):
         assert said in done.said
     assert "root:" not in done.err
 

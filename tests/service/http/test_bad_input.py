@@ -67,7 +67,7 @@ async def test_a_scan_that_may_be_one_goes_to_a_worker(running: RunningService, 
     [
         (b"", 415, "empty file"),
         (b"/home/me/photo.jpg", 415, "got text ('/home/me/photo.jpg'); send the content of the file, not its name"),
-        (b"GIF89a........", 415, "JPEG, PNG or WebP"),
+        (b"GIF89a........", 415, "JPEG, PNG, WebP, HEIC or AVIF"),
         (JPEG_WITHOUT_SIZE, 422, "ends within its header"),
         (png_of(40_000, 20_000), 413, "40,000 x 20,000"),
     ],

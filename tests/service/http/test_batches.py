@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
 from panoloc.service.errors import QueueFullError, StorageFullError
 from panoloc.service.http.schemas.batches import Batch, BatchPage
 from panoloc.service.jobs import PoolState
 from panoloc.service.storage import FolderStorage
+from tests.core.image.picture_files import encoded, heic, phone_exif, picture
 from tests.service.http.fake_pool import no_worker
 from tests.service.http.running_service import SCAN, RunningService, Serve, png_of
 
@@ -303,6 +305,25 @@ async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: 
     assert b"EQUIRECTANGULAR 8 4 8 4" in model.read("cameras.txt")
     assert len(model.read("points3D.txt").splitlines()) == 11  # of the map: ten points and a comment
     assert list((running.data_dir / "uploads").iterdir()) == []
+
+
+async def test_photos_that_browsers_and_other_systems_cannot_read_come_back_as_jpeg(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    archive = zipped(hall__a_heic=heic(picture(128, 64), phone_exif()), b_avif=encoded(picture(128, 64), "AVIF"))
+    reply = await running.client.post("/batches", files={"archive": archive}, data={"map_id": map_id})
+    batch_id = reply.json()["id"]
+    assert [item["status"] for item in (await running.done(batch_id))["items"]] == ["localized"] * 2
+    for number in (0, 1):
+        image = await running.client.get(f"/batches/{batch_id}/images/{number}")
+        assert (image.headers["content-type"], image.content[:3]) == ("image/jpeg", b"\xff\xd8\xff")
+        with Image.open(io.BytesIO(image.content)) as opened:
+            assert opened.size == (128, 64)
+    listed = await export(running, batch_id, "potree")
+    rows = listed.read("coordinates.txt").decode().splitlines()[1:]
+    assert [row.split("\t")[0] for row in rows] == ["hall/a.heic.jpg", "b.avif.jpg"]
+    assert listed.read("hall/a.heic.jpg").startswith(b"\xff\xd8\xff")
+    marked = await export(running, batch_id, "navvis")
+    assert b"00000-pano.jpg; hall/a.heic.jpg" in marked.read("names.csv")
 
 
 async def test_the_plan_of_a_batch_is_a_picture(running: RunningService) -> None:

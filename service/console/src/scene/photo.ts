@@ -4,7 +4,9 @@
 const MOST_PIXELS = 4096;
 
 export async function decodePhoto(photo: Blob): Promise<HTMLCanvasElement> {
-  const bitmap = await createImageBitmap(photo);
+  const bitmap = await createImageBitmap(photo).catch(() => {
+    throw new Error("This browser cannot show the photo: most browsers cannot show HEIC. The answer is not affected.");
+  });
   const scale = Math.min(1, MOST_PIXELS / Math.max(bitmap.width, bitmap.height));
   const canvas = document.createElement("canvas");
   canvas.width = Math.max(1, Math.round(bitmap.width * scale));

@@ -11,8 +11,8 @@ import pytest
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
 from panoloc.core.options import ScanOptions
+from panoloc.core.sandbox import SandboxLimits
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext
-from panoloc.core.scan.sandbox.child import SandboxLimits
 from panoloc.core.scan.sandbox.reading import read_in_sandbox
 
 ROOT = Path(__file__).parents[4]

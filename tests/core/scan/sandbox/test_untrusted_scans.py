@@ -9,10 +9,10 @@ import pytest
 
 from panoloc.core.errors import ScanDamagedError
 from panoloc.core.options import ScanOptions
+from panoloc.core.sandbox import SandboxLimits
 from panoloc.core.scan import reading
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext
-from panoloc.core.scan.sandbox.child import SandboxLimits
 from tests.core.scan.mesh_files import colored_quad, glb, zip_of
 from tests.core.scan.scan_files import CLOUD, las_of, pcd_of, read, table_of
 

@@ -64,19 +64,19 @@ def test_a_file_that_cannot_be_read_fails_alone_and_is_tried_again(place: Panolo
 
 
 def test_a_folder_without_photos_is_wrong_usage_and_names_what_looks_like_some(place: Panoloc, tmp_path: Path) -> None:
-    folder_of(tmp_path, "IMG_1.HEIC", "readme.txt", data=b"x")
+    folder_of(tmp_path, "IMG_1.DNG", "readme.txt", data=b"x")
     outcome = place()
     assert outcome.code == EXIT_USAGE
-    assert "expected photos (.jpeg, .jpg, .png, .webp), got none" in outcome.said
-    assert "IMG_1.HEIC cannot be read; save photos as JPEG" in outcome.said
+    assert "expected photos (.avif, .heic, .heif, .hif, .jpeg, .jpg, .png, .webp), got none" in outcome.said
+    assert "IMG_1.DNG cannot be read; save photos as JPEG, PNG, WebP, HEIC or AVIF" in outcome.said
 
 
 def test_photos_of_formats_that_are_not_read_are_told_of(place: Panoloc, tmp_path: Path) -> None:
     folder_of(tmp_path, "a.jpg")
-    folder_of(tmp_path, "b.heic", "c.TIF", "notes.txt", "cameras.json", ".hidden.txt", data=b"{}")
+    folder_of(tmp_path, "b.dng", "c.TIF", "notes.txt", "cameras.json", ".hidden.txt", data=b"{}")
     outcome = place()
     assert outcome.code == 0
-    assert "left out: b.heic and 1 more cannot be read" in outcome.said
+    assert "left out: b.dng and 1 more cannot be read" in outcome.said
     assert "left out: notes.txt (not a photo, by its name)" in outcome.said
 
 

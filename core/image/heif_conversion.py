@@ -1,0 +1,117 @@
+"""HEIC and AVIF files as JPEG, so that everything behind sees what it sees of other photos: `python -m panoloc.core.image.heif_conversion`.
+
+Their decoders are native code, and three changed bytes have crashed one. So a process of its own decodes each file, within limits; what it
+writes is read like any upload. The JPEG is upright and keeps EXIF, XMP and colour profile. An image with an alpha channel becomes a PNG.
+"""
+
+import io
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+from panoloc.core.image.heif_header import HEIF
+from panoloc.core.image.image_header import Upload, image_kind, open_image
+from panoloc.core.sandbox import SandboxLimits, refuse_system_calls, sandbox_environment, take_limits
+
+if TYPE_CHECKING:
+    from PIL import Image
+    from PIL.ImageFile import ImageFile
+
+_LIMITS = SandboxLimits(memory_bytes=4 << 30, cpu_s=60)  # 100 megapixels take 2.5 GiB and 10 s
+_QUALITY = 95
+_EXIF_IFD, _MAKER_NOTE = 0x8769, 0x927C
+_MOST_XMP_BYTES = 65_000  # of a segment of a JPEG
+_TOO_LARGE, _DAMAGED = 3, 4
+
+
+def open_decodable(data: bytes, upload: Upload, max_pixels: int) -> tuple[bytes, "ImageFile"]:
+    """Open an upload that can then be decoded, converted where it has to be; returns it with its bytes.
+
+    Raises as `open_image` and `converted` do.
+    """
+    image = open_image(data, upload, max_pixels)
+    if image.format != HEIF:
+        return data, image
+    data = converted(data, upload, max_pixels)
+    return data, open_image(data, upload, max_pixels)
+
+
+def converted(data: bytes, upload: Upload, max_pixels: int) -> bytes:
+    """Return a HEIC or AVIF file as a JPEG or PNG. Raises the upload's `damaged_error` or `too_large_error`."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "panoloc.core.image.heif_conversion", str(max_pixels)],
+            input=data,
+            capture_output=True,
+            env=sandbox_environment(),
+            timeout=2 * _LIMITS.cpu_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise upload.too_large_error(
+            f"{upload.name}: expected an image that is decoded within {2 * _LIMITS.cpu_s} s, got none; scale it down"
+        ) from error
+    if done.returncode == 0:
+        return done.stdout
+    reason = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1][:200]
+    if done.returncode == _TOO_LARGE:
+        raise upload.too_large_error(
+            f"{upload.name}: expected at most {max_pixels:,} pixels, got {reason}; scale it down"
+        )
+    if done.returncode < 0:
+        reason = f"its decoder ended with {signal.Signals(-done.returncode).name}"
+    raise upload.damaged_error(
+        f"{upload.name}: the file ends early or is damaged ({reason}); upload it again in full, or as JPEG"
+    )
+
+
+def _convert(data: bytes, max_pixels: int) -> bytes:
+    from pi_heif import HeifImageFile
+    from PIL import ImageOps
+    from PIL.AvifImagePlugin import AvifImageFile
+
+    # Not `Image.open`, which says nothing of what is wrong with a file.
+    with (HeifImageFile if image_kind(data) == "heic" else AvifImageFile)(io.BytesIO(data)) as opened:
+        if opened.width * opened.height > max_pixels:
+            raise MemoryError(f"{opened.width:,} x {opened.height:,}")
+        upright = ImageOps.exif_transpose(opened)
+    out = io.BytesIO()
+    kept = {"exif": _exif(upright), "icc_profile": upright.info.get("icc_profile")}
+    if upright.mode in ("RGBA", "RGBa", "LA", "La"):
+        upright.convert("RGBA").save(out, "PNG", compress_level=1, **kept)
+    else:
+        xmp = upright.info.get("xmp") or b""
+        kept |= {"xmp": xmp} if 0 < len(xmp) < _MOST_XMP_BYTES else {}
+        upright.convert("RGB").save(out, "JPEG", quality=_QUALITY, subsampling=0, **kept)
+    return out.getvalue()
+
+
+def _exif(image: "Image.Image") -> bytes:
+    """Return the EXIF data without the maker's own, which can be too large for a JPEG; none where they are damaged."""
+    try:
+        exif = image.getexif()
+        exif.get_ifd(_EXIF_IFD).pop(_MAKER_NOTE, None)
+        return exif.tobytes()
+    except Exception:
+        return b""
+
+
+def main() -> int:
+    """Convert standard input to standard output and return the exit code."""
+    data = sys.stdin.buffer.read()
+    take_limits(_LIMITS)
+    refuse_system_calls()
+    try:
+        sys.stdout.buffer.write(_convert(data, int(sys.argv[1])))
+    except MemoryError as error:
+        print(error or "more than its decoder may take", file=sys.stderr)
+        return _TOO_LARGE
+    except Exception as error:
+        print(str(error) or type(error).__name__, file=sys.stderr)
+        return _DAMAGED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
