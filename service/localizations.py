@@ -30,6 +30,8 @@ from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)
 
+IS_TRACKED = "is_tracked"
+"""Of a stored answer, not of those that are sent: whether its images had poses of a tracked session."""
 # The pool refuses at once; a query that still runs after this is accepted.
 _ADMISSION_S = 0.05
 # The pool keeps the deadline; this much later no answer will come.
@@ -91,9 +93,15 @@ class Localizations:
 
     async def get(self, localization_id: str) -> Document:
         """Return an answer or its state. Raises LocalizationNotFoundError."""
+        found = await self.stored(localization_id)
+        found.pop(IS_TRACKED, None)
+        return found
+
+    async def stored(self, localization_id: str) -> Document:
+        """Return an answer or its state, an answer with `IS_TRACKED`. Raises LocalizationNotFoundError."""
         found = await self.cache.get_localization(localization_id)
         if found is None:
-            raise _unknown(localization_id, self.settings.result_ttl_s)
+            raise unknown(localization_id, self.settings.result_ttl_s)
         due_unix_s = found.pop("due_unix_s", None)
         if due_unix_s is not None and time.time() > due_unix_s + _OVERDUE_S:
             error = DeadlineExceededError("the service restarted before the answer was ready; localize again")
@@ -107,7 +115,7 @@ class Localizations:
             task.cancel()
             await asyncio.wait({task})
         if not await self.cache.forget_localization(localization_id):
-            raise _unknown(localization_id, self.settings.result_ttl_s)
+            raise unknown(localization_id, self.settings.result_ttl_s)
 
     async def picture(self, localization_id: str, name: str) -> bytes:
         """Return a PNG of an answer. Raises LocalizationNotFoundError, also when the query did not ask for it."""
@@ -142,8 +150,9 @@ class Localizations:
             raise
         answer = outcome.answer.as_waited_for(time.monotonic() - began, chosen.warnings)
         document = answer.model_dump(mode="json")
+        stored = {**document, IS_TRACKED: query.images[0].session_from_camera is not None}
         try:
-            await self.cache.put_answer(localization_id, document, outcome.pictures, [ref.id for ref in chosen.refs])
+            await self.cache.put_answer(localization_id, stored, outcome.pictures, [ref.id for ref in chosen.refs])
             await self._forget_deleted(chosen)
         except CacheDownError as error:
             if not is_waited_for:
@@ -219,7 +228,8 @@ class Localizations:
             await asyncio.to_thread(self.storage.put, f"panoramas/{name}.{kind}", image.data)
 
 
-def _unknown(localization_id: str, lifetime_s: int) -> LocalizationNotFoundError:
+def unknown(localization_id: str, lifetime_s: int) -> LocalizationNotFoundError:
+    """Return the error for an answer that there is not, or not any more."""
     return LocalizationNotFoundError(
         f"expected the id of a localization, got {localization_id[:80]!r}, which is unknown or older than {lifetime_s} s"
         " (PANOLOC_RESULT_TTL_S); localize again"

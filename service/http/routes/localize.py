@@ -14,7 +14,7 @@ from panoloc.core.image.known_camera import check_known_cameras
 from panoloc.core.options import MAX_IMAGES
 from panoloc.service.answer import Localization, picture_path
 from panoloc.service.errors import InvalidOptionsError
-from panoloc.service.http.access import caller_of, require
+from panoloc.service.http.access import caller_of, maps_seen, require
 from panoloc.service.http.openapi import (
     accepted_response,
     file_response,
@@ -24,6 +24,7 @@ from panoloc.service.http.openapi import (
     multipart,
     nothing_left,
 )
+from panoloc.service.http.priors import with_pose_of_prior
 from panoloc.service.http.query_images import query_images
 from panoloc.service.http.schemas.examples import (
     LOCALIZATION_EXAMPLE,
@@ -133,8 +134,9 @@ async def localize(
         held = services.bytes_in_flight.hold(caller_of(request).id)
         stack.callback(held.release)
         async with read_form(request.stream(), request.headers, rules, held=held) as form:
-            options = parse_json(LocalizeOptions, form.options(), "options")
-            query = query_of(request, form.fields[IMAGE.name], options, maps_of(request, form), form.fields[MASK.name])
+            options, maps = parse_json(LocalizeOptions, form.options(), "options"), maps_of(request, form)
+            options = await with_pose_of_prior(options, services.localizations, maps_seen(request), maps.map_ids)
+            query = query_of(request, form.fields[IMAGE.name], options, maps, form.fields[MASK.name])
         if prefer is not None and "respond-async" in {
             part.partition(";")[0].strip().lower() for part in prefer.split(",")
         }:

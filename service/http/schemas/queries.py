@@ -28,6 +28,7 @@ from panoloc.service.answer import ResponseModel
 from panoloc.service.http.schemas.operations import ProblemDocument
 from panoloc.service.jobs import ARTIFACTS, Artifact, QueryOptions
 
+MAX_PRIOR_STD_M, MAX_PRIOR_STD_DEG = 10.0, 60.0
 Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, description="x, y, z")]
 
@@ -201,22 +202,54 @@ class ExpectedPose(BaseModel):
     map_from_camera: ExpectedMotion
 
 
-class Prior(RequestModel):
-    """Where the first camera is expected."""
+class CameraMotion(SessionFromCamera):
+    """x_then = rotation · x_now + position: the pose of the camera now in that of the camera then, both in the camera axes of `frame`."""
 
-    pose: ExpectedPose
-    position_std_m: Annotated[float, Field(gt=0, le=10)] = Field(
-        options.PosePrior.position_std_m, description="Standard deviation of each coordinate."
+
+class Prior(RequestModel):
+    """Where the first camera is expected: by its pose, or by an earlier answer and the motion since."""
+
+    pose: ExpectedPose | None = Field(None, description="The expected pose.")
+    localization_id: Annotated[str, Field(min_length=1, max_length=80)] | None = Field(
+        None,
+        description="Instead of `pose`: an earlier answer, `localized` in the same map and the same `frame`. Without `motion` the camera "
+        "is where it was; or, if both queries have `session_from_camera`, where `map_from_session` of the answer puts it.",
     )
-    orientation_std_deg: Annotated[float, Field(gt=0, le=60)] = Field(
-        options.PosePrior.orientation_std_deg, description="Standard deviation of the rotation about each axis."
+    motion: CameraMotion | None = Field(
+        None,
+        description="Of the first camera since that answer: from the first image of its query to the first image of this one.",
     )
+    position_std_m: Annotated[float, Field(gt=0, le=MAX_PRIOR_STD_M)] | None = Field(
+        None,
+        description=f"Standard deviation of each coordinate; {options.PosePrior.position_std_m:g} by default. After a known motion: "
+        "`accuracy` of the answer and a hundredth of the way.",
+    )
+    orientation_std_deg: Annotated[float, Field(gt=0, le=MAX_PRIOR_STD_DEG)] | None = Field(
+        None,
+        description=f"Standard deviation of the rotation about each axis; {options.PosePrior.orientation_std_deg:g} by default. After a "
+        "known motion: `accuracy` of the answer and 0.1 degrees per metre of the way.",
+    )
+
+    @model_validator(mode="after")
+    def _is_one_of_both(self) -> Self:
+        if (self.pose is None) == (self.localization_id is None):
+            got = "neither" if self.pose is None else "both"
+            raise ValueError(f"expected either pose or localization_id, got {got}; send one of them")
+        if self.motion is not None and self.localization_id is None:
+            raise ValueError("motion: expected together with localization_id; a pose has to include the motion")
+        return self
 
     def to_options(self) -> options.PosePrior:
-        """Return the prior for the worker."""
+        """Return the prior for the worker. `pose`: has been filled in by `panoloc.service.http.priors`."""
+        assert self.pose is not None
         place, turned = self.pose.map_from_camera.position_m, self.pose.map_from_camera.quaternion
-        position, quaternion = (place.x, place.y, place.z), (turned.x, turned.y, turned.z, turned.w)
-        return options.PosePrior(position, quaternion, self.pose.frame, self.position_std_m, self.orientation_std_deg)
+        return options.PosePrior(
+            (place.x, place.y, place.z),
+            (turned.x, turned.y, turned.z, turned.w),
+            self.pose.frame,
+            self.position_std_m or options.PosePrior.position_std_m,
+            self.orientation_std_deg or options.PosePrior.orientation_std_deg,
+        )
 
 
 class Hints(RequestModel):

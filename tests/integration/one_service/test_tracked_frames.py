@@ -138,6 +138,26 @@ def test_the_pose_of_each_image_is_map_from_session_after_its_own(answer: dict[s
         assert image["camera"]["hfov_deg"] == pytest.approx(100, abs=0.1)
 
 
+def test_the_next_query_of_the_session_names_the_answer_and_is_looked_for_where_its_poses_put_it(
+    service: RunningService, map_id: str, answer: dict[str, Any]
+) -> None:
+    frames = tracked_frames()
+    turned = [frames.images[number] for number in (2, 3, 0, 1)]
+    asked = json.loads(frames.options)
+    asked["cameras"] = [asked["cameras"][number] for number in (2, 3, 0, 1)]
+    then, now = (motion(answer["images"][number]["pose"]["map_from_camera"]) for number in (0, 2))
+    since = np.linalg.inv(then) @ now
+    for prior in (
+        {"localization_id": answer["id"]},
+        {"localization_id": answer["id"], "motion": _as_sent(since)},
+    ):
+        reply = service.localize(turned, map_id, json.dumps({**asked, "hints": {"prior": prior}}))
+        assert reply.status_code == 200, reply.text
+        found = reply.json()
+        assert (found["status"], found["search"]["num_starts"]) == ("localized", 0)  # nothing was searched
+        assert error_between(motion(found["map_from_session"]), frames.map_from_session).within(0.05, 3)
+
+
 def test_frames_that_contradict_each_other_are_an_answer_and_never_a_sure_one(
     service: RunningService, map_id: str
 ) -> None:

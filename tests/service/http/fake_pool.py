@@ -49,6 +49,9 @@ def outcome_of(job: LocalizeJob, pose: Pose = POSE, status: Status = "localized"
     search, timings_s = SearchSummary(job.options.method, 1, 412, 2304, 900_000), {"decode": 0.03, "search": 0.06}
     images = (FoundImage(pose, 0.7),) * len(job.images)
     found = Localization(status, search, timings_s, best, (), 0.02, 0.3, 0.18, 0.11, images=images)
+    if (first := job.images[0].session_from_camera) is not None:
+        session_from_camera = Pose.from_frame(first.position_m, first.quaternion_xyzw, job.options.frame)
+        found = replace(found, map_from_session=pose.after(session_from_camera.inverse()))
     pictures: dict[str, bytes] = {name: PNG + name.encode() for name in job.options.artifacts}
     return LocalizeOutcome(answer_of(found, job, [PHOTO] * len(job.images), {}, pictures), pictures)
 

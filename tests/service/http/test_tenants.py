@@ -46,6 +46,17 @@ async def test_health_counts_the_maps_that_a_key_sees(callers: Callers) -> None:
     assert (await callers["school"].json("/health/ready"))["maps"] == {}
 
 
+async def test_an_answer_in_a_map_that_a_key_does_not_see_is_unknown_as_a_prior(callers: Callers) -> None:
+    map_id, other = await callers["museum"].ready_map(), await callers["school"].ready_map()
+    answer = (await callers["museum"].localize(map_id)).json()
+    hints = json.dumps({"hints": {"prior": {"localization_id": answer["id"]}}})
+    assert (await callers["visitors"].localize(map_id, options=hints)).status_code == 200
+    refused = (await callers["school"].localize(other, options=hints)).json()
+    unknown = (await callers["school"].localize(other, options=hints.replace(answer["id"], "loc_never"))).json()
+    assert refused["status"] == 404
+    assert refused["detail"].replace(answer["id"], "loc_never") == unknown["detail"]
+
+
 async def test_a_map_is_not_there_for_keys_of_other_tenants(callers: Callers) -> None:
     school, map_id = callers["school"], await callers["museum"].ready_map()
     assert await statuses(callers, f"/maps/{map_id}", "museum", "school", "admin") == [200, 404, 200]
