@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from panoloc.service.client import ClientError, PanolocClient, UnreachableError, WaitTimeoutError
+from panoloc.service.client import ClientError, JsonClient, UnreachableError, WaitTimeoutError
 from panoloc.service.host.address import why_not_free
 from panoloc.service.host.child_processes import ending_with_parent
 
@@ -62,7 +62,7 @@ class OwnService:
     """
 
     url: str
-    client: PanolocClient
+    client: JsonClient
     folder: Path
     process_id: int
 
@@ -85,7 +85,7 @@ def own_service(
         told = {"PANOLOC_DATA_DIR": str(folder / "data"), **(settings or {})}
         service = start_in_background(url, log_file or folder / "service.log", told, survives=False)
         stack.callback(service.stop)
-        client = stack.enter_context(PanolocClient(url))
+        client = stack.enter_context(JsonClient(url))
         wait_until_ready(client, service, say)
         yield OwnService(url, client, folder, service.process.pid)
 
@@ -123,7 +123,7 @@ def start_in_background(
     return BackgroundService(process, log_file)
 
 
-def wait_until_ready(client: PanolocClient, service: BackgroundService | None, on_state: Callable[[str], None]) -> None:
+def wait_until_ready(client: JsonClient, service: BackgroundService | None, on_state: Callable[[str], None]) -> None:
     """Poll until the service serves requests; `on_state` receives what it waits for.
 
     Raises StartError when `service` ends meanwhile and WaitTimeoutError after ten minutes.

@@ -9,8 +9,8 @@
     array([1.7, 2.4, 1.5])
 
 Positions are metres in the scan's own frame (`panoloc.core.geometry.pose`). `PanolocClient` speaks to a running
-service. `panoloc.core.errors` lists what can go wrong. A name loads its module when it is first used: importing
-`panoloc` loads nothing.
+service; its maps are `Map`, and its answers `Localized`, `Ambiguous` or `NotLocalized`. `panoloc.core.errors` lists what
+can go wrong. A name loads its module when it is first used: importing `panoloc` loads nothing.
 """
 
 from importlib import import_module, metadata
@@ -24,24 +24,39 @@ if TYPE_CHECKING:
     from panoloc.core.options import Hints as Hints
     from panoloc.core.results import Localization as Localization
     from panoloc.core.scan.reading import read_scan as read_scan
-    from panoloc.service.client import PanolocClient as PanolocClient
+    from panoloc.service.answer import Ambiguous as Ambiguous
+    from panoloc.service.answer import Localized as Localized
+    from panoloc.service.answer import NotLocalized as NotLocalized
+    from panoloc.service.client.typed_client import Answer as Answer
+    from panoloc.service.client.typed_client import PanolocClient as PanolocClient
+    from panoloc.service.http.schemas.maps import Map as Map
 
     __version__: str
 
 _HOMES = {
+    "Ambiguous": "panoloc.service.answer",
+    "Answer": "panoloc.service.client.typed_client",
     "Hints": "panoloc.core.options",
     "Localization": "panoloc.core.results",
+    "Localized": "panoloc.service.answer",
     "Localizer": "panoloc.core.localizer",
-    "PanolocClient": "panoloc.service.client",
+    "Map": "panoloc.service.http.schemas.maps",
+    "NotLocalized": "panoloc.service.answer",
+    "PanolocClient": "panoloc.service.client.typed_client",
     "Rig": "panoloc.core.camera.rig",
     "build_map_index": "panoloc.core.map.map_builder",
     "read_panorama": "panoloc.core.image.reader",
     "read_scan": "panoloc.core.scan.reading",
 }
 __all__ = [
+    "Ambiguous",
+    "Answer",
     "Hints",
     "Localization",
+    "Localized",
     "Localizer",
+    "Map",
+    "NotLocalized",
     "PanolocClient",
     "Rig",
     "build_map_index",

@@ -17,7 +17,7 @@ from panoloc.lab.benchmark.sizes import Sizes
 from panoloc.lab.benchmark.timing import Say, spread_of
 from panoloc.lab.rooms import Case, suite_cases
 from panoloc.service.cli.session import Session
-from panoloc.service.client import JsonObject, PanolocClient
+from panoloc.service.client import JsonClient, JsonObject
 
 _SUITE = "changed"  # furniture moves between the scan and the photo, as it does
 _FIRST_SEED = 970
@@ -60,7 +60,7 @@ def measure_cameras(session: Session, url: str, sizes: Sizes, say: Say) -> list[
     ]
 
 
-def _make_queries(client: PanolocClient, folder: Path, sizes: Sizes, say: Say) -> dict[str, list[KnownQuery]]:
+def _make_queries(client: JsonClient, folder: Path, sizes: Sizes, say: Say) -> dict[str, list[KnownQuery]]:
     """Make rooms, register their scans, and return the query of each camera in each room."""
     queries: dict[str, list[KnownQuery]] = {camera: [] for camera in _CAMERAS}
     for seed in range(_FIRST_SEED, _FIRST_SEED + sizes.camera_rooms):
@@ -77,7 +77,7 @@ def _make_queries(client: PanolocClient, folder: Path, sizes: Sizes, say: Say) -
     return queries
 
 
-def _registered(client: PanolocClient, case: Case, file: Path) -> str:
+def _registered(client: JsonClient, case: Case, file: Path) -> str:
     write_ply(file, case.cloud)
     place = client.register_map(file, {"name": case.name, "tags": ["bench"]})
     return str(client.wait_for_map(place["id"])["id"])

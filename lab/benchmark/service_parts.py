@@ -19,7 +19,7 @@ from panoloc.lab.benchmark.timing import Say
 from panoloc.lab.benchmark.whole_query import encode_jpeg
 from panoloc.lab.process_memory import family_bytes
 from panoloc.service.cli.session import Session
-from panoloc.service.client import ClientError, JsonObject, PanolocClient
+from panoloc.service.client import ClientError, JsonClient, JsonObject
 
 Figures = dict[str, Any]
 
@@ -81,7 +81,7 @@ def service_benchmark(
 
 
 def _make_room(
-    client: PanolocClient, folder: Path, sizes: Sizes, stack: ExitStack, say: Say
+    client: JsonClient, folder: Path, sizes: Sizes, stack: ExitStack, say: Say
 ) -> tuple[JsonObject, tuple[KnownQuery, ...]]:
     """Register a painted room, whose map `stack` deletes at the end, and return the map and queries in it."""
     room, scan = PaintedRoom(0), folder / "room.ply"

@@ -16,7 +16,7 @@ from panoloc.service.cli.progress import show_waiting
 from panoloc.service.cli.register import upload_and_wait
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.cli.tables import map_summary
-from panoloc.service.client import JsonObject, PanolocClient
+from panoloc.service.client import JsonClient, JsonObject
 from panoloc.service.jobs import ARTIFACTS
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
     return worst_of([code for query, code in codes if not query.may_stay_open])
 
 
-def _localize(session: Session, client: PanolocClient, map_id: str, folder: Path, query: "DemoQuery") -> ExitCode:
+def _localize(session: Session, client: JsonClient, map_id: str, folder: Path, query: "DemoQuery") -> ExitCode:
     """Localize one image, save its pictures, and show the pose beside the known one."""
     with show_waiting(session.messages, f"localizing {query.image.name}"):
         options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S, **query.options}

@@ -26,7 +26,7 @@ from panoloc.service.cli.query_options import (
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
-from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient
+from panoloc.service.client import ApiProblemError, JsonClient, JsonObject
 from panoloc.service.jobs import ARTIFACTS, QueryOptions
 
 Point = tuple[float, float, float]
@@ -161,9 +161,7 @@ def _session_query(session: Session, tracked: Path, frame: Frame, up_known: bool
     return _Query(folder.resolve(), [each.path for each in chosen], options)
 
 
-def save_answer(
-    folder: Path, stem: str, images: Sequence[Path], answer: JsonObject, client: PanolocClient
-) -> list[Path]:
+def save_answer(folder: Path, stem: str, images: Sequence[Path], answer: JsonObject, client: JsonClient) -> list[Path]:
     """Write `STEM.json` and up to three pictures into a folder, and return these files.
 
     images: what was sent; the answer lists them as `files`, for exports.
@@ -178,7 +176,7 @@ def save_answer(
     return written
 
 
-def _show(session: Session, client: PanolocClient, query: _Query, answer: JsonObject, saved: Sequence[Path]) -> None:
+def _show(session: Session, client: JsonClient, query: _Query, answer: JsonObject, saved: Sequence[Path]) -> None:
     files = [str(path) for path in query.images]
     if session.json_output:
         about = {"session": str(query.name), "files": files} if query.options else {"panorama": files[0]}

@@ -8,7 +8,7 @@ import typer
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.cli.tables import map_table, older_revision
-from panoloc.service.client import ClientError, JsonObject, PanolocClient, UnreachableError
+from panoloc.service.client import ClientError, JsonClient, JsonObject, UnreachableError
 
 app = typer.Typer(help="List, share or delete maps.")
 
@@ -54,7 +54,7 @@ def delete(ctx: typer.Context, map_ids: MapIds, url: UrlOption = DEFAULT_URL, js
     """Delete maps with their scans and indexes. This cannot be undone."""
     session = Session.of(ctx, json)
 
-    def delete_one(client: PanolocClient, map_id: str) -> None:
+    def delete_one(client: JsonClient, map_id: str) -> None:
         client.delete_map(map_id)
         session.show({"id": map_id, "deleted": True}, f"deleted {map_id}")
 
@@ -78,7 +78,7 @@ def share(
     """
     session = Session.of(ctx, json)
 
-    def share_one(client: PanolocClient, map_id: str) -> None:
+    def share_one(client: JsonClient, map_id: str) -> None:
         changed = client.change_map(map_id, {"shared_with": tenants or []})
         session.show(changed, f"{map_id} is shared with {', '.join(changed['shared_with']) or 'nobody'}")
 
@@ -86,7 +86,7 @@ def share(
 
 
 def _for_each(
-    session: Session, url: str, map_ids: Sequence[str], change: Callable[[PanolocClient, str], None]
+    session: Session, url: str, map_ids: Sequence[str], change: Callable[[JsonClient, str], None]
 ) -> ExitCode:
     """Change each distinct map, show failures at the end and return the exit code of the first.
 

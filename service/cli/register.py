@@ -9,7 +9,7 @@ from panoloc.core.options import ColorKind, ScanOptions, Unit, UpAxis
 from panoloc.service.cli.progress import show_registration, show_upload
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.cli.tables import map_summary
-from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient, UnreachableError
+from panoloc.service.client import ApiProblemError, JsonClient, JsonObject, UnreachableError
 from panoloc.service.jobs import LONGEST_NAME
 
 
@@ -64,9 +64,7 @@ def register(
     session.show(place, map_summary(place))
 
 
-def upload_and_wait(
-    session: Session, client: PanolocClient, scan: Path, options: JsonObject, *, wait: bool
-) -> JsonObject:
+def upload_and_wait(session: Session, client: JsonClient, scan: Path, options: JsonObject, *, wait: bool) -> JsonObject:
     """Upload with a progress bar; with `wait`, follow the registration until the map is ready. Returns the map."""
     with show_upload(session.messages, scan.name) as progress:
         place = client.register_map(scan, options, progress)

@@ -20,9 +20,9 @@ from panoloc.service.cli.tables import alternatives_table, answer_summary, image
 from panoloc.service.client import (
     ApiProblemError,
     ClientError,
+    JsonClient,
     JsonObject,
     MapFailedError,
-    PanolocClient,
     UnreachableError,
 )
 
@@ -72,9 +72,9 @@ class Session:
     results: Console = field(default_factory=lambda: _console(stderr=False))
     messages: Console = field(default_factory=lambda: _console(stderr=True))
 
-    def client(self, url: str) -> PanolocClient:
+    def client(self, url: str) -> JsonClient:
         """Return a client of the service at `url`, with the key from PANOLOC_API_KEY when it is set."""
-        return PanolocClient(url, api_key=os.environ.get("PANOLOC_API_KEY"), transport=self.transport)
+        return JsonClient(url, api_key=os.environ.get("PANOLOC_API_KEY"), transport=self.transport)
 
     @classmethod
     def of(cls, ctx: typer.Context, json_output: bool) -> "Session":
@@ -90,7 +90,7 @@ class Session:
         else:
             self.results.print(text, markup=False)
 
-    def show_answer(self, answer: JsonObject, client: PanolocClient, names: Sequence[str] = ()) -> None:
+    def show_answer(self, answer: JsonObject, client: JsonClient, names: Sequence[str] = ()) -> None:
         """Print one localization as tables, then the links to its pictures, unbroken. names: of its images."""
         for table in (answer_summary(answer), images_table(answer, names), alternatives_table(answer)):
             if table is not None:

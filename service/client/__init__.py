@@ -1,6 +1,6 @@
-"""A client of the HTTP API for programs: `PanolocClient` and its exceptions."""
+"""Clients of the HTTP API and their exceptions. `PanolocClient`, which programs use, is in `panoloc` itself; it loads pydantic."""
 
-from panoloc.service.client.client import JsonObject, PanolocClient, UploadProgress
+from panoloc.service.client.client import JsonClient
 from panoloc.service.client.errors import (
     ApiProblemError,
     ClientError,
@@ -12,15 +12,16 @@ from panoloc.service.client.errors import (
     UntrustedError,
     WaitTimeoutError,
 )
+from panoloc.service.client.replies import JsonObject, UploadProgress
 
 __all__ = [
     "ApiProblemError",
     "ClientError",
     "InvalidKeyError",
     "InvalidUrlError",
+    "JsonClient",
     "JsonObject",
     "MapFailedError",
-    "PanolocClient",
     "UnexpectedReplyError",
     "UnreachableError",
     "UntrustedError",

@@ -1,21 +1,18 @@
-"""A client of the HTTP API that needs neither torch nor the algorithm.
-
-    with PanolocClient("http://127.0.0.1:8000") as client:
-        place = client.wait_for_map(client.register_map(Path("office.ply"))["id"])
-        answer = client.localize(Path("photo.jpg"), map_ids=[place["id"]])    # or several images of one session
+"""A client of the HTTP API that needs neither torch nor the algorithm. Its two kinds differ in what they return: `JsonClient` documents as
+the service sends them, `panoloc.service.client.typed_client.PanolocClient` models of them.
 
 Uploads are streamed from disk. All methods raise the classes of `panoloc.service.client.errors`.
 """
 
-import io
 import json
 import re
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, NoReturn, Self
+from typing import Any, BinaryIO, Generic, Self, TypeVar
 from urllib.parse import urlsplit
 
 import httpx
@@ -25,15 +22,14 @@ from panoloc.service.client.errors import (
     InvalidKeyError,
     InvalidUrlError,
     MapFailedError,
-    UnexpectedReplyError,
     UnreachableError,
     UntrustedError,
     WaitTimeoutError,
 )
+from panoloc.service.client.replies import JsonObject, ProgressFile, UploadProgress, json_object, raise_problem, reason
 
-JsonObject = dict[str, Any]
-UploadProgress = Callable[[int, int], None]
-"""Called with (bytes sent, bytes in all)."""
+MapT = TypeVar("MapT")
+AnswerT = TypeVar("AnswerT")
 
 CONNECT_TIMEOUT_S = 5.0
 READ_TIMEOUT_S = 60.0
@@ -45,7 +41,7 @@ POLL_FIRST_S, POLL_LONGEST_S = 0.1, 2.0
 _KEY = re.compile(r"[!-~]+")
 
 
-class PanolocClient:
+class BaseClient(ABC, Generic[MapT, AnswerT]):
     """Calls one running service.
 
     url: where it listens, without a trailing path. api_key: sent as a bearer token when given.
@@ -68,6 +64,14 @@ class PanolocClient:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._http.close()
 
+    @abstractmethod
+    def _map(self, document: JsonObject) -> MapT:
+        """Return what methods return for a map."""
+
+    @abstractmethod
+    def _answer(self, document: JsonObject) -> AnswerT:
+        """Return what methods return for an answer."""
+
     def is_live(self) -> bool:
         """Return whether the service's process answers; never raises."""
         try:
@@ -79,41 +83,41 @@ class PanolocClient:
         """Return whether the service is ready, and the body that says what is missing."""
         reply = self._send("GET", "/health/ready")
         if reply.status_code not in (200, 503):
-            _raise_problem(reply)
-        return reply.status_code == 200, _json_object(reply)
+            raise_problem(reply)
+        return reply.status_code == 200, json_object(reply)
 
     def register_map(
-        self, scan: Path, options: JsonObject | None = None, progress: UploadProgress | None = None
-    ) -> JsonObject:
+        self, scan: Path, options: Mapping[str, Any] | None = None, progress: UploadProgress | None = None
+    ) -> MapT:
         """Upload a scan and return the new map, which answers queries once its status is `ready`."""
         fields = {"options": json.dumps(options)} if options else {}
-        return self._upload("/maps", [("file", scan, progress)], fields, UPLOAD_READ_TIMEOUT_S)
+        return self._map(self._upload("/maps", [("file", scan, progress)], fields, UPLOAD_READ_TIMEOUT_S))
 
-    def get_map(self, map_id: str) -> JsonObject:
+    def get_map(self, map_id: str) -> MapT:
         """Return one map with its status, stage and progress."""
-        return _json_object(self._checked("GET", f"/maps/{map_id}"))
+        return self._map(self._map_document(map_id))
 
-    def list_maps(self, tag: str | None = None) -> Iterator[JsonObject]:
+    def list_maps(self, tag: str | None = None) -> Iterator[MapT]:
         """Yield all maps, page by page; with `tag`, those that have it."""
         query: JsonObject = {"tag": tag} if tag else {}
         while True:
-            page = _json_object(self._checked("GET", "/maps", params=query))
-            yield from page.get("items", [])
+            page = json_object(self._checked("GET", "/maps", params=query))
+            yield from map(self._map, page.get("items", []))
             if not page.get("next_cursor"):
                 return
             query = {**query, "cursor": page["next_cursor"]}
 
-    def change_map(self, map_id: str, changes: JsonObject) -> JsonObject:
+    def change_map(self, map_id: str, changes: Mapping[str, Any]) -> MapT:
         """Change fields of a map (`name`, `tags`, `shared_with`, …) and return it."""
-        return _json_object(self._checked("PATCH", f"/maps/{map_id}", json=changes))
+        return self._map(json_object(self._checked("PATCH", f"/maps/{map_id}", json=dict(changes))))
 
     def delete_map(self, map_id: str) -> None:
         """Delete a map with its scan and its index."""
         self._checked("DELETE", f"/maps/{map_id}")
 
     def wait_for_map(
-        self, map_id: str, on_update: Callable[[JsonObject], None] | None = None, timeout_s: float = 3600.0
-    ) -> JsonObject:
+        self, map_id: str, on_update: Callable[[MapT], None] | None = None, timeout_s: float = 3600.0
+    ) -> MapT:
         """Poll until the map is ready and return it.
 
         Raises MapFailedError when it fails and WaitTimeoutError after `timeout_s`. Waits through 503.
@@ -121,16 +125,16 @@ class PanolocClient:
         give_up, pause = time.monotonic() + timeout_s, POLL_FIRST_S
         while True:
             try:
-                place = self.get_map(map_id)
+                place = self._map_document(map_id)
             except ApiProblemError as problem:
                 if problem.status != 503 or time.monotonic() > give_up:
                     raise
                 time.sleep(min(problem.retry_after_s or POLL_LONGEST_S, 10.0))
                 continue
             if on_update is not None:
-                on_update(place)
+                on_update(self._map(place))
             if place["status"] == "ready":
-                return place
+                return self._map(place)
             if place["status"] == "failed":
                 raise MapFailedError(map_id, place["error"]["detail"], place.get("serving_revision"))
             if time.monotonic() > give_up:
@@ -148,7 +152,7 @@ class PanolocClient:
         mask: Path | Sequence[Path] | None = None,
         options: Mapping[str, Any] | None = None,
         progress: UploadProgress | None = None,
-    ) -> JsonObject:
+    ) -> AnswerT:
         """Send one query and return the answer; `status` says whether a pose was found.
 
         images: a panorama, a photo, or the images of a session with their poses in `options["cameras"]`. mask: one for
@@ -163,7 +167,7 @@ class PanolocClient:
         files = [("image", path, progress) for path in _paths_of(images)]
         files += [("mask", path, None) for path in _paths_of(mask)]
         wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
-        return self._upload("/localize", files, fields, wait_s)
+        return self._answer(self._upload("/localize", files, fields, wait_s))
 
     def fetch(self, path: str) -> bytes:
         """Return the body at a path of the service, such as the link of a score map."""
@@ -175,15 +179,18 @@ class PanolocClient:
             with self._http.stream("GET", self.link(path), params=query, timeout=UPLOAD_READ_TIMEOUT_S) as reply:
                 if not reply.is_success:
                     reply.read()
-                    _raise_problem(reply)
+                    raise_problem(reply)
                 for block in reply.iter_bytes():
                     file.write(block)
         except httpx.HTTPError as error:
-            raise UnreachableError(self.url, _reason(error)) from error
+            raise UnreachableError(self.url, reason(error)) from error
 
     def link(self, path: str) -> str:
         """Return the full URL of a path from the service."""
         return path if "://" in path else f"{self.url}{path}"
+
+    def _map_document(self, map_id: str) -> JsonObject:
+        return json_object(self._checked("GET", f"/maps/{map_id}"))
 
     def _upload(
         self,
@@ -198,16 +205,16 @@ class PanolocClient:
             for part, file, progress in files:
                 # Bytes of a name that are not UTF-8 become question marks.
                 name = file.name.encode("utf-8", "replace").decode()
-                opened = stack.enter_context(_ProgressFile(file, progress))
+                opened = stack.enter_context(ProgressFile(file, progress))
                 parts.append((part, (name, opened, *(["application/octet-stream"] if part == "file" else []))))
             timeout = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
-            return _json_object(self._checked("POST", path, data=fields, files=parts, timeout=timeout))
+            return json_object(self._checked("POST", path, data=fields, files=parts, timeout=timeout))
 
     def _checked(self, method: str, path: str, **request: Any) -> httpx.Response:
         """Send a request and return its reply. Raises ApiProblemError unless it succeeded."""
         reply = self._send(method, path, **request)
         if not reply.is_success:
-            _raise_problem(reply)
+            raise_problem(reply)
         return reply
 
     def _send(self, method: str, path: str, **request: Any) -> httpx.Response:
@@ -216,29 +223,24 @@ class PanolocClient:
         except (httpx.ConnectError, httpx.ConnectTimeout) as error:
             if "CERTIFICATE_VERIFY_FAILED" in str(error):
                 raise UntrustedError(self.url) from error
-            raise UnreachableError(self.url, _reason(error)) from error
+            raise UnreachableError(self.url, reason(error)) from error
         except httpx.TimeoutException as error:
             raise WaitTimeoutError(
                 f"{self.url} accepted the connection but did not answer {method} {path} in time; see the service's "
                 "log, or try again."
             ) from error
         except httpx.HTTPError as error:
-            raise UnreachableError(self.url, f"the connection broke: {_reason(error)}") from error
+            raise UnreachableError(self.url, f"the connection broke: {reason(error)}") from error
 
 
-class _ProgressFile(io.BufferedReader):
-    """A file that reports (bytes read, bytes in all) after each block that httpx reads to send it."""
+class JsonClient(BaseClient[JsonObject, JsonObject]):
+    """Returns documents as the service sends them, for programs that show or store them."""
 
-    def __init__(self, path: Path, progress: UploadProgress | None) -> None:
-        super().__init__(io.FileIO(path))
-        self._progress = progress
-        self._size = path.stat().st_size
+    def _map(self, document: JsonObject) -> JsonObject:
+        return document
 
-    def read(self, size: int | None = -1, /) -> bytes:
-        block = super().read(size)
-        if self._progress is not None:
-            self._progress(self.tell(), self._size)
-        return block
+    def _answer(self, document: JsonObject) -> JsonObject:
+        return document
 
 
 def _paths_of(given: Path | Sequence[Path] | None) -> Sequence[Path]:
@@ -261,33 +263,3 @@ def _check_key(key: str | None) -> None:
             "Expected a key of ASCII letters, digits and punctuation, got a key with spaces, line ends or other "
             "characters, perhaps at its end; correct PANOLOC_API_KEY."
         )
-
-
-def _raise_problem(reply: httpx.Response) -> NoReturn:
-    try:
-        problem = reply.json()
-    except ValueError:
-        problem = None
-    if not isinstance(problem, dict) or not {"detail", "title"} & problem.keys():
-        raise UnexpectedReplyError(
-            f"Expected an answer of panoloc from {reply.url}, got HTTP {reply.status_code} "
-            f"({reply.headers.get('content-type', 'no content type')}); check --url and any proxy in between."
-        )
-    retry_after = reply.headers.get("retry-after", "")
-    raise ApiProblemError(reply.status_code, problem, float(retry_after) if retry_after.isdigit() else None)
-
-
-def _json_object(reply: httpx.Response) -> JsonObject:
-    try:
-        body = reply.json()
-    except ValueError:
-        body = None
-    if not isinstance(body, dict):
-        raise UnexpectedReplyError(
-            f"Expected a JSON object from {reply.url}, got something else; check that panoloc answers there."
-        )
-    return body
-
-
-def _reason(error: httpx.HTTPError) -> str:
-    return str(error) or type(error).__name__

@@ -16,7 +16,7 @@ from panoloc.lab.background_service import (
     start_in_background,
     wait_until_ready,
 )
-from panoloc.service.client import PanolocClient, WaitTimeoutError
+from panoloc.service.client import JsonClient, WaitTimeoutError
 from tests.service.cli.fake_service import FakeService
 
 
@@ -26,7 +26,7 @@ def test_a_service_that_ends_while_it_starts_shows_the_end_of_its_log(fake: Fake
     ended = subprocess.Popen([sys.executable, "-c", "raise SystemExit(3)"])
     ended.wait()
     with (
-        PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
+        JsonClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
         pytest.raises(StartError, match=r"exit code 3(.|\n)*port 8000 is in use"),
     ):
         wait_until_ready(client, BackgroundService(ended, log), lambda text: None)
@@ -39,7 +39,7 @@ def test_waiting_tells_what_the_service_waits_for(fake: FakeService, tmp_path: P
         return not_yet.pop() if not_yet else fake.handle(request)
 
     heard: list[str] = []
-    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(handle)) as client:
+    with JsonClient("http://127.0.0.1:8000", transport=httpx.MockTransport(handle)) as client:
         wait_until_ready(client, None, heard.append)
     assert heard == ["the service waits for a worker"]
 

@@ -20,7 +20,7 @@ from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing.place_folder import PlaceFolder
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
-from panoloc.service.client import ApiProblemError, ClientError, JsonObject, PanolocClient
+from panoloc.service.client import ApiProblemError, ClientError, JsonClient, JsonObject
 from panoloc.service.jobs import Result
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
@@ -171,7 +171,7 @@ def _images_of(at: Path, answer: JsonObject) -> Iterator[tuple[Path, Result]]:
         yield file, {"status": answer["status"], "answer": {**answer, "pose": image["pose"], "images": [image]}}
 
 
-def _refresh_maps(client: PanolocClient, placed: PlacedPhotos) -> str | None:
+def _refresh_maps(client: JsonClient, placed: PlacedPhotos) -> str | None:
     """Update the stored maps, for example with a new georeference; return why that was not possible, else None."""
     if not client.is_live():
         return (
@@ -186,7 +186,7 @@ def _refresh_maps(client: PanolocClient, placed: PlacedPhotos) -> str | None:
 
 
 def _fetch_exports(
-    client: PanolocClient, batch_id: str, formats: list[ExportFormat], query: dict[str, str], out: Path
+    client: JsonClient, batch_id: str, formats: list[ExportFormat], query: dict[str, str], out: Path
 ) -> Written:
     written = Written()
     for name in formats:

@@ -40,7 +40,7 @@ from panoloc.service.cli.query_options import (
     check_map_choice,
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient, UnreachableError
+from panoloc.service.client import ApiProblemError, JsonClient, JsonObject, UnreachableError
 from panoloc.service.jobs import QueryOptions, Result
 
 # Statuses about the key or the map: every other photo would fail in the same way.
@@ -122,7 +122,7 @@ class _Placing:
     """One run: sends the photos without a result, a few at a time."""
 
     session: Session
-    client: PanolocClient
+    client: JsonClient
     folder: PlaceFolder
     stopped: threading.Event = field(default_factory=threading.Event)
     _has_answers: bool = False

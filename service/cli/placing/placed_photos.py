@@ -18,7 +18,7 @@ import typer
 
 from panoloc.core.options import ExportFormat
 from panoloc.service.batches.tour import Photo, maps_of, overview_document, tour_document
-from panoloc.service.client import PanolocClient
+from panoloc.service.client import JsonClient
 from panoloc.service.jobs import MAX_SAMPLE_POINTS
 
 
@@ -46,7 +46,7 @@ class PlacedPhotos:
         """Return the maps in which photos were placed."""
         return maps_of(photo.result for photo in self.photos)
 
-    def fetch_maps(self, client: PanolocClient, with_points: bool = True) -> None:
+    def fetch_maps(self, client: JsonClient, with_points: bool = True) -> None:
         """Store what exports need of the maps. with_points: False keeps the stored points. Raises ClientError."""
         for map_id in self.maps():
             file = self.maps_folder / f"{map_id}.json"

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from panoloc.service.client import PanolocClient
+from panoloc import PanolocClient
 from tests.integration.running_service import ROOT, RunningService
 from tests.integration.small_room import small_room
 
@@ -23,8 +23,8 @@ def test_the_page_leads_from_a_scan_to_a_pose_and_to_the_next_one(
     url, names = str(service.http.base_url), dict[str, Any]()
     for block in blocks:
         exec(block.replace("http://127.0.0.1:8000", url), names)
-    assert small_room().error_of(names["answer"]).within(0.05, 5)
-    assert "'x':" in capsys.readouterr().out
+    assert small_room().error_of(names["answer"].model_dump()).within(0.05, 5)
+    assert str(names["answer"].confidence) in capsys.readouterr().out
     with PanolocClient(url) as client:
-        again = names["localize_again"](client, Path("photo.jpg"), names["place"]["id"], names["answer"])
-    assert (again["status"], again["search"]["num_starts"]) == ("localized", 0)
+        again = names["localize_again"](client, Path("photo.jpg"), names["answer"])
+    assert (again.status, again.search["num_starts"]) == ("localized", 0)

@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from panoloc.core.options import MAX_TOP_K
-from panoloc.service.client import PanolocClient
+from panoloc.service.client import JsonClient
 from panoloc.service.http.schemas.queries import LocalizeOptions
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
@@ -256,7 +256,7 @@ def test_a_program_sends_several_images_with_a_mask_for_each(fake: FakeService, 
     masks = [tmp_path / "mask-0.png", tmp_path / "mask-1.png"]
     for path in (*images, *masks):
         path.write_bytes(path.name.encode())
-    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client:
+    with JsonClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client:
         answer = client.localize(images, ["map_1"], mask=masks, options={"frame": "webxr"})
     assert answer["status"] == "localized"
     assert fake.parts["image"] == [b"0.jpg", b"1.png"]

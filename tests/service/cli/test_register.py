@@ -6,7 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from panoloc.service.client import MapFailedError, PanolocClient
+from panoloc.service.client import JsonClient, MapFailedError
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
@@ -67,7 +67,7 @@ def test_a_failed_map_is_an_error_that_says_why(panoloc: Panoloc, fake: FakeServ
 def test_who_waits_for_a_new_revision_hears_that_the_old_one_still_answers(fake: FakeService) -> None:
     fake.polls = [{**READY_MAP, "status": "failed", "revision": 2, "error": {"detail": "scan: expected 100 vertices"}}]
     with (
-        PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
+        JsonClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
         pytest.raises(MapFailedError, match="map_1 failed, revision 1 still answers: ") as failed,
     ):
         client.wait_for_map("map_1")
@@ -117,7 +117,7 @@ def test_whoever_gives_up_waiting_knows_the_id_of_what_goes_on(panoloc: Panoloc,
 
 def test_progress_rises_to_the_size_of_the_file(fake: FakeService, scan: Path) -> None:
     heard: list[tuple[int, int]] = []
-    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client:
+    with JsonClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client:
         client.register_map(scan, progress=lambda sent, size: heard.append((sent, size)))
     sizes = [sent for sent, _ in heard]
     assert sizes == sorted(sizes)
@@ -128,6 +128,6 @@ def test_progress_rises_to_the_size_of_the_file(fake: FakeService, scan: Path) -
 def test_the_api_key_travels_as_a_bearer_token(fake: FakeService) -> None:
     seen: list[str] = []
     fake.on_request = lambda request: seen.append(request.headers["authorization"])
-    with PanolocClient("http://127.0.0.1:8000", "secret", httpx.MockTransport(fake.handle)) as client:
+    with JsonClient("http://127.0.0.1:8000", "secret", httpx.MockTransport(fake.handle)) as client:
         list(client.list_maps())
     assert seen == ["Bearer secret"]

@@ -1,0 +1,99 @@
+"""`PanolocClient`: what the service sends, as models whose type depends on the status; and the page that shows it, by mypy."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from panoloc import Ambiguous, Localized, Map, NotLocalized, PanolocClient
+from panoloc.service.client import MapFailedError, UnexpectedReplyError
+from panoloc.service.http.schemas.examples import LOCALIZATION_EXAMPLE, MAP_EXAMPLE
+from tests.service.light_modules import core_modules
+
+ROOT = Path(__file__).resolve().parents[3]
+WITHOUT_POSE = dict.fromkeys(("map_id", "map_revision", "pose", "map_from_session", "geopose", "accuracy"))
+
+
+def client_of(document: dict[str, Any]) -> PanolocClient:
+    """Return a client of a service that answers everything alike."""
+    transport = httpx.MockTransport(lambda _: httpx.Response(200, json=document))
+    return PanolocClient("http://127.0.0.1:8000", transport=transport)
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    (tmp_path / "photo.jpg").write_bytes(b"\xff\xd8\xff")
+    return tmp_path / "photo.jpg"
+
+
+def test_an_answer_is_what_its_status_says(photo: Path) -> None:
+    for changes, model in (
+        ({}, Localized),
+        ({"status": "ambiguous"}, Ambiguous),
+        ({"status": "not_localized", **WITHOUT_POSE}, NotLocalized),
+    ):
+        document = {**LOCALIZATION_EXAMPLE, **changes}
+        with client_of(document) as client:
+            answer = client.localize(photo, ["map_1"])
+        assert type(answer) is model
+        assert answer.model_dump(mode="json", exclude_unset=True) == document
+        if answer.status == "localized":
+            assert answer.pose.map_from_camera.position_m.x == document["pose"]["map_from_camera"]["position_m"]["x"]
+
+
+def test_maps_are_models_too_and_keep_fields_of_newer_services() -> None:
+    with client_of({**MAP_EXAMPLE, "floor": 3}) as client:
+        place = client.get_map("map_1")
+        heard: list[Map] = []
+        assert client.wait_for_map("map_1", heard.append) == place == heard[0]
+    assert isinstance(place, Map)
+    assert (place.status, place.model_dump()["floor"]) == ("ready", 3)
+    with client_of({"items": [MAP_EXAMPLE], "next_cursor": None}) as client:
+        assert [each.id for each in client.list_maps()] == [MAP_EXAMPLE["id"]]
+    failed = {**MAP_EXAMPLE, "status": "failed", "error": {"detail": "too few points"}}
+    with client_of(failed) as client, pytest.raises(MapFailedError, match="too few points"):
+        client.wait_for_map("map_1")
+
+
+def test_a_reply_of_another_version_says_where_it_differs(photo: Path) -> None:
+    strange = {**LOCALIZATION_EXAMPLE, "confidence": "high"}
+    with client_of(strange) as client, pytest.raises(UnexpectedReplyError, match=r"confidence: .*install the version"):
+        client.localize(photo, ["map_1"])
+    with client_of({"status": "lost"}) as client, pytest.raises(UnexpectedReplyError, match="localized"):
+        client.localize(photo, ["map_1"])
+
+
+def test_the_client_loads_neither_torch_nor_numpy_nor_the_server() -> None:
+    program = "import sys; from panoloc import PanolocClient; print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"torch", "numpy", "PIL", "fastapi", "starlette", "redis", "pyproj"} & set(said)
+    assert "panoloc.core.localizer" not in core_modules(set(said))
+
+
+@pytest.mark.slow
+def test_the_code_of_the_page_passes_mypy_and_a_pose_without_a_look_at_the_status_does_not(tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"), re.S)
+    page = tmp_path / "page.py"
+    page.write_text("\n".join(blocks), encoding="utf-8")
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text("\n".join([*blocks, "answer.pose.frame", "answer.position", "place['id']"]), encoding="utf-8")
+    said = checked(page, wrong)
+    assert [re.sub(r"^.*\[|\]$", "", line) for line in said] == ["union-attr"] * 4 + ["index"], said
+    assert all(line.startswith(str(wrong)) for line in said)
+
+
+def checked(*files: Path) -> list[str]:
+    """Return the errors that mypy finds, each file checked alone."""
+    config = ["--strict", "--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
+    said = ""
+    for file in files:
+        done = subprocess.run(
+            [sys.executable, "-m", "mypy", *config, str(file)], capture_output=True, text=True, check=False, cwd=ROOT
+        )
+        assert done.returncode in (0, 1), done.stderr
+        said += done.stdout
+    return [line for line in said.splitlines() if ": error: " in line]
