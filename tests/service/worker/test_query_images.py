@@ -15,7 +15,7 @@ from panoloc.core.options import SessionOptions, TrackedPose
 from panoloc.core.results import Candidate, Localization, SearchSummary
 from panoloc.service.jobs import QueryImage
 from panoloc.service.worker.query_images import as_found, read_query, shown_on_sphere
-from tests.core.image.picture_files import encoded
+from tests.core.image.picture_files import encoded, heic, phone_exif, picture
 
 PINHOLE = CameraDescription("pinhole", hfov_deg=60)
 NO_SESSION = SessionOptions()
@@ -42,6 +42,15 @@ def test_one_image_without_a_pose_is_no_session() -> None:
         (image,) = rig.images
         np.testing.assert_array_equal(image.session_from_camera.matrix, np.eye(4))
         assert image.photo.camera.hfov_deg == pytest.approx(hfov_deg)
+
+
+def test_photos_of_several_lenses_in_one_session_have_each_its_own_camera() -> None:
+    shots = [heic(picture(144, 96, seed=focal), phone_exif(focal, orientation=6)) for focal in (13, 26, 77)]
+    images = [QueryImage(shot, session_from_camera=TrackedPose()) for shot in shots]
+    cameras = [photo.camera for photo in read_query(images, "webxr", NO_SESSION, MAX_PIXELS).photos]
+    assert [(camera.width_px, camera.height_px) for camera in cameras] == [(96, 144)] * 3
+    diagonal_px = math.hypot(96, 144)
+    assert [camera.fx_px * math.hypot(36, 24) / diagonal_px for camera in cameras] == pytest.approx([13, 26, 77])
 
 
 def test_a_photo_is_drawn_with_the_field_of_view_that_the_search_found() -> None:
