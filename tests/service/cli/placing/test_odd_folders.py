@@ -11,6 +11,7 @@ import pytest
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing import place as place_command
 from tests.core.exports.tours import jpeg
+from tests.core.image.picture_files import heic, phone_exif, picture
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService
 
@@ -69,6 +70,21 @@ def test_a_folder_without_photos_is_wrong_usage_and_names_what_looks_like_some(p
     assert outcome.code == EXIT_USAGE
     assert "expected photos (.avif, .heic, .heif, .hif, .jpeg, .jpg, .png, .webp), got none" in outcome.said
     assert "IMG_1.DNG cannot be read; save photos as JPEG, PNG, WebP, HEIC or AVIF" in outcome.said
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("pictures")
+def test_panoramas_in_heic_are_placed_and_exported_as_jpeg(
+    place: Panoloc, fake: FakeService, tmp_path: Path, out: Path
+) -> None:
+    folder_of(tmp_path, "a.HEIC", data=heic(picture(128, 64), phone_exif()))
+    outcome = place("--export", "potree", "--hfov", "69")
+    # A field of view is for photos: that this is a panorama, its header says.
+    assert b"cameras" not in fake.parts["options"][0]
+    assert (outcome.code, "1 localized" in outcome.out) == (0, True), outcome.err
+    assert (out / "potree" / "a.HEIC.jpg").read_bytes().startswith(b"\xff\xd8\xff")
+    assert "a.HEIC.jpg\t" in (out / "potree" / "coordinates.txt").read_text()
+    assert (out / "contact-sheet.jpg").exists()
 
 
 def test_photos_of_formats_that_are_not_read_are_told_of(place: Panoloc, tmp_path: Path) -> None:
