@@ -53,6 +53,7 @@ COPY pyproject.toml setup.py README.md LICENSE ./
 COPY panoloc ./panoloc
 COPY core ./core
 COPY lab ./lab
+COPY clients ./clients
 COPY service ./service
 COPY --from=console /src/service/console/built ./service/console/built
 # The compiler of the kernels; it does not get into the image.

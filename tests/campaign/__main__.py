@@ -22,7 +22,8 @@ def main(arguments: list[str]) -> int:
         nargs="*",
         help="scans, images, requests; kills of: worker, redis, replica (of the API, behind a proxy), service; soak;\n"
         "node: of a Ray cluster, killed during 200 queries; campus: one of three, during 50 queries over 300 maps;\n"
-        "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers; all",
+        "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers;\n"
+        "robot: drives through a flat with odometry that errs (docs/ros2.md); all",
     )
     parser.add_argument(
         "--cases", type=int, default=10_000, help="damaged scans; half as many images and requests (10,000)"
@@ -51,6 +52,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
     from tests.campaign.hostile_requests import hostile_requests
     from tests.campaign.kills import node_killed, node_of_campus_killed, process_kills, replica_kills, service_kills
     from tests.campaign.overload import impatient, newcomers
+    from tests.campaign.robot import robot
     from tests.campaign.running import soak
 
     return {
@@ -65,6 +67,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "campus": node_of_campus_killed,
         "overload": partial(impatient, given.overload_s),
         "crowd": partial(newcomers, given.overload_s),
+        "robot": partial(robot, 0),
         "soak": partial(soak, given.soak_s),
     }
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Frame
-from tests.docs.ar_snippets import entry_of, ros_functions, xyzw
+from tests.docs.ar_snippets import entry_of, xyzw
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ SEEN = (4.582885572, -0.061695034, -0.125910922)  # the same point from the came
 WIDTH, HEIGHT = 1920, 1440
 FX, FY, CX, CY = 1450.2, 1448.7, 962.0, 716.25  # from the top left corner of the image
 
-FRAME: dict[str, Frame] = {"ARKit": "webxr", "ARCore": "webxr", "WebXR": "webxr", "ROS 2": "opencv"}
+FRAME: dict[str, Frame] = {"ARKit": "webxr", "ARCore": "webxr", "WebXR": "webxr"}
 
 
 def arkit_entry() -> dict[str, Any]:
@@ -88,12 +88,4 @@ def webxr_entry() -> dict[str, Any]:
     return entry_of("WebXR", view=view)
 
 
-def ros_entry(**info: Any) -> dict[str, Any]:
-    """ROS 2: the tf of an optical frame; the centre of the first pixel is (0, 0) in CameraInfo."""
-    k = [FX, 0.0, CX - 0.5, 0.0, FY, CY - 0.5, 0.0, 0.0, 1.0]
-    message = {"width": WIDTH, "height": HEIGHT, "k": k, "d": [0.0] * 5, "distortion_model": "plumb_bob", **info}
-    transform = SimpleNamespace(translation=xyzw(POSITION["opencv"]), rotation=xyzw(QUATERNION["opencv"]))
-    return dict(ros_functions()["entry"](SimpleNamespace(**message), transform))
-
-
-ENTRIES = {"ARKit": arkit_entry, "ARCore": arcore_entry, "WebXR": webxr_entry, "ROS 2": ros_entry}
+ENTRIES = {"ARKit": arkit_entry, "ARCore": arcore_entry, "WebXR": webxr_entry}

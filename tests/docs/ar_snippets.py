@@ -1,17 +1,15 @@
 """Runs what the code in docs/ar does with a camera: its own lines, on stand-ins of what each platform hands out.
 
-Of Swift, Kotlin and JavaScript only names that are bound and expressions of numbers are run, which are Python as well; of the Python
-snippet whole functions.
+Of Swift, Kotlin and JavaScript only names that are bound and expressions of numbers are run, which are Python as well.
 """
 
-import ast
 import re
 from types import SimpleNamespace
 from typing import Any
 
 from tests.docs.documentation import ROOT
 
-FILES = {"ARKit": "arkit.swift", "ARCore": "arcore.kt", "WebXR": "webxr.js", "ROS 2": "ros2.py"}
+FILES = {"ARKit": "arkit.swift", "ARCore": "arcore.kt", "WebXR": "webxr.js"}
 ENTRY = {
     "ARKit": "func entry(_ camera: ARCamera)",
     "ARCore": "fun entry(camera: Camera)",
@@ -63,27 +61,9 @@ def content_at(platform: str, scan: tuple[float, float, float]) -> tuple[float, 
     return x, y, z
 
 
-def ros_functions() -> dict[str, Any]:
-    """Return the functions of the ROS snippet and what they need, with a message that is a plain object in place of ROS's."""
-    wanted = ("entry", "map_from_odom")
-    chosen: list[ast.stmt] = [
-        node
-        for node in ast.parse(snippet("ROS 2")).body
-        if isinstance(node, ast.Assign) or (isinstance(node, ast.FunctionDef) and node.name in wanted)
-    ]
-    names: dict[str, Any] = {"TransformStamped": _transform_stamped}
-    exec(compile(ast.Module(chosen, []), "docs/ar/ros2.py", "exec"), names)
-    return names
-
-
 def xyzw(values: Any) -> SimpleNamespace:
     """Return three or four numbers as an object with x, y, z (and w)."""
     return SimpleNamespace(**dict(zip("xyzw", map(float, values), strict=False)))
-
-
-def _transform_stamped() -> SimpleNamespace:
-    transform = SimpleNamespace(translation=xyzw((0, 0, 0)), rotation=xyzw((0, 0, 0, 1)))
-    return SimpleNamespace(header=SimpleNamespace(), transform=transform)
 
 
 def _bind(names: dict[str, Any], target: str, value: Any) -> None:

@@ -22,14 +22,12 @@ from tests.docs.ar_devices import (
     SCAN_POINT,
     SEEN,
     WIDTH,
-    ros_entry,
     webxr_projection,
 )
 from tests.docs.ar_snippets import (
     FILES,
     content_at,
     options_of,
-    ros_functions,
 )
 
 PLATFORMS = pytest.mark.parametrize("platform", list(FILES))
@@ -93,17 +91,6 @@ def test_the_pixels_of_webxr_are_those_that_its_projection_draws_turned_over() -
     assert (column, row) == pytest.approx((CX - FX * left / forward, CY - FY * up / forward), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("model", "num", "taken_for"),
-    [("plumb_bob", 5, "opencv"), ("rational_polynomial", 8, "opencv"), ("equidistant", 4, "opencv_fisheye")],
-)
-def test_the_lens_of_a_ros_camera_is_taken_as_its_info_says(model: str, num: int, taken_for: str) -> None:
-    entry = ros_entry(distortion_model=model, d=[0.01] * num)
-    camera = Camera.model_validate(entry).to_options()
-    assert camera is not None
-    assert (camera.model, len(camera.distortion)) == (taken_for, num)
-
-
 def answered(frame: Frame) -> Pose:
     """Return `map_from_session` of a session that begins at the known pose with its camera's axes, in the axes of the answer."""
     known = Pose.from_frame(POSITION["ros"], QUATERNION["ros"], "ros")
@@ -120,18 +107,3 @@ def test_content_of_the_scan_stands_in_the_session_where_the_camera_sees_it(plat
     found = answered("webxr").inverse().matrix @ (*content_at(platform, SCAN_POINT), 1)
     forward, left, up = SEEN
     np.testing.assert_allclose(found[:3], (-left, up, -forward), atol=2e-8)
-
-
-def test_the_answer_is_the_transform_from_map_to_odom() -> None:
-    found = answered("opencv")
-    answer = {
-        "position_m": dict(zip("xyz", found.position.tolist(), strict=True)),
-        "quaternion": dict(zip("xyzw", found.quaternion_xyzw.tolist(), strict=True)),
-    }
-    message = ros_functions()["map_from_odom"](answer, stamp=7)
-    assert (message.header.frame_id, message.child_frame_id, message.header.stamp) == ("map", "odom", 7)
-    t, q = message.transform.translation, message.transform.rotation
-    # tf of a child maps its coordinates to the parent's.
-    map_from_odom = Pose.from_frame((0, 0, 0), (q.x, q.y, q.z, q.w), "ros").rotation
-    forward, left, up = SEEN
-    np.testing.assert_allclose(map_from_odom @ (-left, -up, forward) + (t.x, t.y, t.z), SCAN_POINT, atol=2e-8)
