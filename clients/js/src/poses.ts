@@ -78,12 +78,19 @@ export function difference(to: Motion, from: Motion): Difference {
   return { step_m: subtract(to.position_m, from.position_m), turn_rad };
 }
 
-/** Return the motion that is these shares of the way from `from`. */
-export function moved(from: Motion, { step_m, turn_rad }: Difference, stepShare: number, turnShare = stepShare): Motion {
+/** Return the motion that is this share of the way from `from`. */
+export function moved(from: Motion, { step_m, turn_rad }: Difference, share: number): Motion {
   return {
-    position_m: add(from.position_m, scale(step_m, stepShare)),
-    quaternion: multiply(rotationOf(scale(turn_rad, turnShare)), from.quaternion),
+    position_m: add(from.position_m, scale(step_m, share)),
+    quaternion: multiply(rotationOf(scale(turn_rad, share)), from.quaternion),
   };
+}
+
+/** Return the motion from a session to a map, both with y up, that puts a camera of the session where it is in the map. */
+export function levelled(mapFromCamera: Motion, sessionFromCamera: Motion): Motion {
+  const { y, w } = compose(mapFromCamera, inverse(sessionFromCamera)).quaternion;
+  const quaternion = rotationOf({ ...ZERO, y: 2 * Math.atan2(y, w) });
+  return { position_m: subtract(mapFromCamera.position_m, rotate(quaternion, sessionFromCamera.position_m)), quaternion };
 }
 
 /** Return the 4 x 4 matrix column by column, as WebGL, WebXR and three.js have it. */

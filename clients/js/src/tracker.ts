@@ -1,6 +1,6 @@
 /** Keeps `mapFromSession` right while a person walks: asks the service from time to time, and weighs what it answers. */
 
-import { compared, fused, later, loosened, measured, type Estimate } from "./estimate.ts";
+import { areApart, first, fused, later, loosened, measured, type Estimate } from "./estimate.ts";
 import { compose, difference, inverse, length, moved, type Difference, type Motion } from "./poses.ts";
 import type { Query } from "./client.ts";
 import type { Sending } from "./requests.ts";
@@ -58,11 +58,11 @@ const NEW_TURN_RAD = Math.PI / 6;
 const NEW_STEP_M = 0.5;
 const FRAME_PAUSE_S = 0.3;
 /** Frames of one query: those since which the drift is small, and not a long time has passed. */
-const FRAMES_WITHIN_M = 2;
+const FRAMES_WITHIN_M = 3;
 const FRAMES_WITHIN_S = 10;
 /** With fewer frames than the most, the first query waits for others this long. */
 const COLLECT_S = 2.5;
-const ASK_EVERY_M = 1.5;
+const ASK_EVERY_M = 1;
 const ASK_EVERY_S = 5;
 const LEAST_PAUSE_S = 1;
 const LONGEST_PAUSE_S = 30;
@@ -117,8 +117,8 @@ export class Tracker {
     if (this.#estimate) {
       this.#estimate = loosened(this.#estimate, step.step_m, step.turn_rad);
       if (step.step_m > 0) this.#isUrgent = true;
-      const { position_m, turn_rad } = later(this.#estimate, this.#walk.walked_m);
-      if (position_m > LOST_M || turn_rad > LOST_RAD) this.#lose();
+      const { position_m, yaw_rad } = later(this.#estimate, this.#walk.walked_m);
+      if (position_m > LOST_M || yaw_rad > LOST_RAD) this.#lose();
     }
     this.#collect(time_s);
     if (this.#isTimeToAsk(time_s)) void this.#ask(time_s);
@@ -213,11 +213,11 @@ export class Tracker {
   }
 
   /** Where the first image is expected. Not while that is in doubt: the service looks there first. */
-  #prior(first: Kept | undefined): { pose: { frame: "webxr"; map_from_camera: Motion }; position_std_m: number; orientation_std_deg: number } | null {
-    if (!this.#estimate || !first || this.#doubted) return null;
-    const { mapFromSession, position_m, turn_rad } = later(this.#estimate, this.#walk.walked_m);
-    const map_from_camera = compose(mapFromSession, first.worldFromCamera);
-    return { pose: { frame: "webxr", map_from_camera }, position_std_m: position_m, orientation_std_deg: (turn_rad * 180) / Math.PI };
+  #prior(frame: Kept | undefined): { pose: { frame: "webxr"; map_from_camera: Motion }; position_std_m: number; orientation_std_deg: number } | null {
+    if (!this.#estimate || !frame || this.#doubted) return null;
+    const { mapFromSession, position_m, yaw_rad } = later(this.#estimate, this.#walk.walked_m);
+    const map_from_camera = compose(mapFromSession, frame.worldFromCamera);
+    return { pose: { frame: "webxr", map_from_camera }, position_std_m: position_m, orientation_std_deg: (yaw_rad * 180) / Math.PI };
   }
 
   #take(answer: Localized, frames: readonly Kept[]): void {
@@ -228,13 +228,13 @@ export class Tracker {
     const known = this.#estimate && later(this.#estimate, walked_m);
     const doubted = this.#doubted && later(this.#doubted, walked_m);
     if (!known) {
-      this.#show(found);
+      this.#show(first(found, camera));
       this.#emit("located", answer);
-    } else if (!compared(known, found, camera).isFar) {
+    } else if (!areApart(known, found, camera)) {
       this.#show(fused(known, found, camera));
       this.#emit("corrected", answer);
-    } else if (doubted && !compared(doubted, found, camera).isFar) {
-      this.#show(fused(doubted, found, camera));
+    } else if (doubted && !areApart(doubted, found, camera)) {
+      this.#show(fused(first(doubted, camera), found, camera));
       this.#emit("located", answer);
     } else {
       // One of both is wrong: an answer to other images decides.

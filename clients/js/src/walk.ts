@@ -1,6 +1,6 @@
 /** The poses of a session, made one continuous walk: what a session calls its origin may jump, a person does not. */
 
-import { compose, difference, IDENTITY, inverse, length, moved, rotate, rotationOf, scale, subtract, ZERO, type Difference, type Motion } from "./poses.ts";
+import { compose, difference, IDENTITY, length, levelled, moved, scale, ZERO, type Difference, type Motion } from "./poses.ts";
 
 /** Faster than people move, per second, beside what tracking corrects at once. */
 const FASTEST_M = 4;
@@ -63,11 +63,4 @@ export class Walk {
     const unseen_s = jumped ? gap_s : gap_s > LONGEST_GAP_S ? FOUND_AGAIN * gap_s : 0;
     return { jumped, step_m: UNSEEN_M * unseen_s, turn_rad: UNSEEN_RAD * unseen_s };
   }
-}
-
-/** Return the motion from a session to a world, both with y up, that puts a camera of the session where it is in the world. */
-function levelled(worldFromCamera: Motion, sessionFromCamera: Motion): Motion {
-  const { y, w } = compose(worldFromCamera, inverse(sessionFromCamera)).quaternion;
-  const quaternion = rotationOf({ ...ZERO, y: 2 * Math.atan2(y, w) });
-  return { position_m: subtract(worldFromCamera.position_m, rotate(quaternion, sessionFromCamera.position_m)), quaternion };
 }

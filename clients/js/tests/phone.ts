@@ -39,7 +39,7 @@ export class Phone {
       window: { innerWidth: width_px, innerHeight: height_px, dispatchEvent() {} },
       WebGL2RenderingContext: class {},
       DOMPointReadOnly: class {
-        static fromPoint = ({ x = 0, y = 0, z = 0, w = 1 }): object => ({ x, y, z, w });
+        static fromPoint: (point: { x?: number; y?: number; z?: number; w?: number }) => object = ({ x = 0, y = 0, z = 0, w = 1 }) => ({ x, y, z, w });
         constructor(x = 0, y = 0, z = 0, w = 1) {
           Object.assign(this, { x, y, z, w });
         }

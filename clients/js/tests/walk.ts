@@ -25,7 +25,7 @@ interface Walked {
 const DRIFT = 0.01;
 const TURN_DRIFT_RAD_PER_M = (0.05 * Math.PI) / 180;
 /** What an answer takes in simulated time, with the way there and back. */
-const LATENCY_S = 1;
+const LATENCY_S = 0.5;
 
 /** Return numbers between 0 and 1 that depend on nothing but the seed: Park and Miller's generator. */
 function randomOf(seed: number): () => number {
