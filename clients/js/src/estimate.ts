@@ -20,8 +20,8 @@ export interface Estimate {
 const DEGREE = Math.PI / 180;
 /** How fast a device's own tracking drifts, per metre walked, and for how many metres alike. Gravity holds the tilt. */
 const DRIFT_STD = 0.01;
-const ALIKE_M = 10;
-const YAW_DRIFT_RAD = 0.05 * DEGREE;
+const ALIKE_M = 20;
+const YAW_DRIFT_RAD = 0.1 * DEGREE;
 /** How exactly scans and sessions that are level are so. */
 const LEVEL_RAD = 0.5 * DEGREE;
 /** Answers to alike views err alike, so many of them are not as exact as their mean would be. */

@@ -248,14 +248,16 @@ export class Tracker {
     const { worldFromCamera } = this.#walk;
     if (this.#estimate) {
       const seen = compose(this.#shown(this.#estimate), worldFromCamera);
-      const left = difference(seen, compose(estimate.mapFromSession, worldFromCamera));
+      const left = difference(seen, compose(later(estimate, this.#walk.walked_m).mapFromSession, worldFromCamera));
       this.#blend = { began_s: this.#now(), worldFromCamera, left };
     }
     this.#estimate = estimate;
     this.#doubted = null;
   }
 
-  #shown({ mapFromSession }: Estimate): Motion {
+  /** Return what is seen now of an estimate. */
+  #shown(estimate: Estimate): Motion {
+    const { mapFromSession } = later(estimate, this.#walk.walked_m);
     if (!this.#blend) return mapFromSession;
     const { began_s, worldFromCamera, left } = this.#blend;
     const share = Math.min((this.#now() - began_s) / BLEND_S, 1);
