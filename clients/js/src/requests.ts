@@ -54,6 +54,7 @@ export async function request(
   const init: RequestInit = { method, headers, body: body ?? null, signal: signal ?? null };
   for (let numTries = 1; ; numTries += 1) {
     const pause_s = FIRST_PAUSE_S * 2 ** (numTries - 1);
+    signal?.throwIfAborted();
     try {
       const reply = await send(url + path, init, onProgress);
       if (reply.ok) return reply;
