@@ -20,7 +20,7 @@ export interface Estimate {
 const DEGREE = Math.PI / 180;
 /** How fast a device's own tracking drifts, per metre walked, and for how many metres alike. Gravity holds the tilt. */
 const DRIFT_STD = 0.01;
-const ALIKE_M = 20;
+const ALIKE_M = 10;
 const YAW_DRIFT_RAD = 0.1 * DEGREE;
 /** How exactly scans and sessions that are level are so. */
 const LEVEL_RAD = 0.5 * DEGREE;
@@ -53,11 +53,12 @@ export function first(found: Estimate, sessionFromCamera: Motion): Estimate {
 export function later(known: Estimate, walked_m: number): Estimate {
   const way_m = Math.max(walked_m - known.walked_m, 0);
   const kept = Math.exp(-way_m / ALIKE_M);
+  const drifting_m = ALIKE_M * (1 - kept);
   const { drift, drift_std, drift_position_m, mapFromSession } = known;
   const variance = 2 * drift_position_m * way_m + (drift_std ** 2 + known.yaw_rad ** 2) * way_m ** 2;
   return {
     ...loosened(known, Math.sqrt(Math.max(variance, 0)), YAW_DRIFT_RAD * way_m),
-    mapFromSession: { ...mapFromSession, position_m: add(mapFromSession.position_m, scale(drift, way_m)) },
+    mapFromSession: { ...mapFromSession, position_m: add(mapFromSession.position_m, scale(drift, drifting_m)) },
     drift: scale(drift, kept),
     drift_std: Math.hypot(drift_std * kept, DRIFT_STD * Math.sqrt(1 - kept ** 2)),
     drift_position_m: (drift_position_m + drift_std ** 2 * way_m) * kept,

@@ -21,8 +21,9 @@ interface Walked {
   anchor: Vector;
 }
 
-/** Of the phone's tracking: a share of the way, always in one direction, and a turn per metre. */
+/** Of the phone's tracking: a share of the way, in a direction that turns by this per metre, and a turn per metre. */
 const DRIFT = 0.01;
+const WANDER_RAD_PER_M = Number(process.env["WANDER"] ?? 0.2);
 const TURN_DRIFT_RAD_PER_M = (0.05 * Math.PI) / 180;
 /** What an answer takes in simulated time, with the way there and back. */
 const LATENCY_S = 0.5;
@@ -40,8 +41,7 @@ const turned = (angle: number, position_m = ZERO): Motion => ({ position_m, quat
 /** Return `session_from_camera` as the phone tracks it, and the step at which the origin of its session jumps. */
 function tracked(poses: readonly Motion[], seed: number): { sessionFromCamera: Motion[]; jump: number } {
   const draw = randomOf(seed);
-  const heading = 2 * Math.PI * draw();
-  const direction = { x: 0.98 * Math.cos(heading), y: 0.2, z: 0.98 * Math.sin(heading) };
+  let heading = 2 * Math.PI * draw();
   const turn = Math.sign(draw() - 0.5) * TURN_DRIFT_RAD_PER_M;
   const jump = Math.floor(poses.length * (0.35 + 0.3 * draw()));
   const jumped = turned(6 * draw() - 3, { x: 8 * draw() - 4, y: 0, z: 8 * draw() - 4 });
@@ -50,6 +50,8 @@ function tracked(poses: readonly Motion[], seed: number): { sessionFromCamera: M
     const before = poses[step - 1] ?? pose;
     const next = compose(here, compose(step ? inverse(before) : turned(0), pose));
     const way_m = length(subtract(pose.position_m, before.position_m));
+    heading += WANDER_RAD_PER_M * way_m;
+    const direction = { x: 0.98 * Math.cos(heading), y: 0.2, z: 0.98 * Math.sin(heading) };
     here = moved(next, { step_m: scale(direction, DRIFT), turn_rad: { ...ZERO, y: turn } }, way_m);
     if (step === jump) here = compose(jumped, here);
     return here;
