@@ -99,7 +99,9 @@ def webxr_package() -> dict[str, Any]:
         "transform": {"position": position, "orientation": orientation},
     }
     given = json.dumps({"view": view, "point": SCAN_POINT})
-    done = subprocess.run([NODE, PACKAGE / "tests" / "sent.ts"], input=given, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(
+        [NODE, PACKAGE / "tests" / "sent.ts"], input=given, stdout=subprocess.PIPE, text=True, check=True
+    )
     return dict(json.loads(done.stdout))
 
 

@@ -15,7 +15,7 @@ from panoloc.lab.rooms.capture.shooting import turned
 from tests.core.image.picture_files import encoded
 
 DURATION_S, POSES_PER_S = 60, 30
-_WIDTH, _HEIGHT, _HFOV_DEG = 640, 480, 69.0
+_WIDTH, _HEIGHT, _HFOV_DEG = 480, 360, 69.0
 _SPEED_M_S = 0.8
 _EYE_M = (1.35, 1.65)
 _CLEARANCE_M = 0.35
@@ -29,13 +29,15 @@ def write_walk(folder: Path, seed: int, area_m2: float = 20.0) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     scene = build_scene(SceneSpec(kind="room", seed=seed, area_m2=area_m2))
-    write_ply(folder / "scan.ply", scan_scene(scene, num_points=200_000))
+    write_ply(folder / "scan.ply", scan_scene(scene, num_points=100_000))
     poses = _walk(scene, np.random.default_rng(seed))
     focal_px = _WIDTH / 2 / math.tan(math.radians(_HFOV_DEG) / 2)
     camera = Camera("pinhole", _WIDTH, _HEIGHT, focal_px, focal_px, _WIDTH / 2, _HEIGHT / 2)
     frames = list(range(0, len(poses), POSES_PER_S))
     for number in frames:
-        (folder / f"{number}.jpg").write_bytes(encoded(take_photo(scene, camera, poses[number]).photo.color, "JPEG", quality=90))
+        (folder / f"{number}.jpg").write_bytes(
+            encoded(take_photo(scene, camera, poses[number]).photo.color, "JPEG", quality=90)
+        )
     lens = {"model": "pinhole", "width_px": _WIDTH, "height_px": _HEIGHT, "fx_px": focal_px}
     walk = {
         "camera": lens,
@@ -55,9 +57,7 @@ def _walk(scene: Scene, rng: np.random.Generator) -> list[Pose]:
     pitch = math.radians(6) + math.radians(7) * np.sin(0.5 * time_s + phase[2])
     roll = math.radians(2) * np.sin(0.8 * time_s)
     positions = _way(scene, rng, len(time_s))
-    return [
-        Pose(turned(*angles), place) for *angles, place in zip(yaw, pitch, roll, positions, strict=True)
-    ]
+    return [Pose(turned(*angles), place) for *angles, place in zip(yaw, pitch, roll, positions, strict=True)]
 
 
 def _way(scene: Scene, rng: np.random.Generator, count: int) -> NDArray[np.float64]:

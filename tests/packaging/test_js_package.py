@@ -58,7 +58,11 @@ def test_the_unit_tests_pass() -> None:
 def test_all_of_it_is_small(tmp_path: Path) -> None:
     bundle = tmp_path / "bundle.js"
     esbuild = PACKAGE / "node_modules" / "esbuild" / "bin" / "esbuild"
-    subprocess.run([esbuild, "src/index.ts", "--bundle", "--minify", "--format=esm", f"--outfile={bundle}"], cwd=PACKAGE, check=True)
+    subprocess.run(
+        [esbuild, "src/index.ts", "--bundle", "--minify", "--format=esm", f"--outfile={bundle}"],
+        cwd=PACKAGE,
+        check=True,
+    )
     assert len(gzip.compress(bundle.read_bytes())) <= LARGEST_BYTES
 
 
@@ -72,7 +76,11 @@ def test_npm_packs_what_users_import_and_nothing_else(tmp_path: Path) -> None:
     with tarfile.open(packed) as archive:
         archive.extractall(tmp_path / "node_modules", filter="data")
     (tmp_path / "node_modules" / "package").rename(tmp_path / "node_modules" / "panoloc")
-    files = {path.relative_to(tmp_path / "node_modules" / "panoloc") for path in tmp_path.glob("node_modules/panoloc/**/*") if path.is_file()}
+    files = {
+        path.relative_to(tmp_path / "node_modules" / "panoloc")
+        for path in tmp_path.glob("node_modules/panoloc/**/*")
+        if path.is_file()
+    }
     assert {str(file.parent) for file in files} == {".", "dist"}
     code = 'import { Panoloc, Tracker } from "panoloc"; console.log(typeof Panoloc, typeof Tracker);'
     assert node("--input-type=module", "-e", code, folder=tmp_path).split() == ["function", "function"]

@@ -20,7 +20,7 @@ export interface Estimate {
 const DEGREE = Math.PI / 180;
 /** How fast a device's own tracking drifts, per metre walked, and for how many metres alike. Gravity holds the tilt. */
 const DRIFT_STD = 0.01;
-const ALIKE_M = 10;
+const ALIKE_M = 5;
 const YAW_DRIFT_RAD = 0.1 * DEGREE;
 /** How exactly scans and sessions that are level are so. */
 const LEVEL_RAD = 0.5 * DEGREE;
