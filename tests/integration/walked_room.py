@@ -29,7 +29,7 @@ def write_walk(folder: Path, seed: int, area_m2: float = 20.0) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     scene = build_scene(SceneSpec(kind="room", seed=seed, area_m2=area_m2))
-    write_ply(folder / "scan.ply", scan_scene(scene, num_points=100_000))
+    write_ply(folder / "scan.ply", scan_scene(scene, num_points=200_000))
     poses = _walk(scene, np.random.default_rng(seed))
     focal_px = _WIDTH / 2 / math.tan(math.radians(_HFOV_DEG) / 2)
     camera = Camera("pinhole", _WIDTH, _HEIGHT, focal_px, focal_px, _WIDTH / 2, _HEIGHT / 2)

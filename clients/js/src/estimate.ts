@@ -32,15 +32,18 @@ const UNKNOWN_M = 0.3;
 const UNKNOWN_DEG = 5;
 /** Standard deviations beyond which an answer contradicts; less than a hundredth of true ones lies there. */
 const FAR = 3.5;
-/** Of a normal distribution in three dimensions, the radius of 68 % in standard deviations. */
-const RADIUS_68 = 1.87;
+/** The radius of 68 % in standard deviations: positions err in the plane, directions about the vertical, because up is known. */
+const RADIUS_OF_POSITION = 1.5;
+const RADIUS_OF_YAW = 1;
+const RADIUS_OF_TILT = 2;
 
 /** Return what an answer says. walked_m: when its images were taken. */
 export function measured(mapFromSession: Motion, accuracy: { position_m: number | null; orientation_deg: number | null }, walked_m: number): Estimate {
-  const position_m = Math.max((accuracy.position_m ?? UNKNOWN_M) / RADIUS_68, LEAST_M);
-  const turn_rad = Math.max(((accuracy.orientation_deg ?? UNKNOWN_DEG) * DEGREE) / RADIUS_68, LEAST_RAD);
+  const position_m = Math.max((accuracy.position_m ?? UNKNOWN_M) / RADIUS_OF_POSITION, LEAST_M);
+  const turn_rad = (accuracy.orientation_deg ?? UNKNOWN_DEG) * DEGREE;
+  const [yaw_rad, tilt_rad] = [Math.max(turn_rad / RADIUS_OF_YAW, LEAST_RAD), Math.max(turn_rad / RADIUS_OF_TILT, LEAST_RAD)];
   const drift = { drift: ZERO, drift_std: DRIFT_STD, drift_position_m: 0 };
-  return { mapFromSession, position_m, yaw_rad: turn_rad, tilt_rad: turn_rad, ...drift, walked_m };
+  return { mapFromSession, position_m, yaw_rad, tilt_rad, ...drift, walked_m };
 }
 
 /** Return a first estimate: what an answer says, and that map and session are level. */

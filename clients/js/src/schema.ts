@@ -49,7 +49,11 @@ export interface components {
              * Position M
              * @description Position of the photo.
              */
-            position_m: number[];
+            position_m: [
+                number,
+                number,
+                number
+            ];
             /** Confidence */
             confidence: number;
             /** Panorama Changed Fraction */
@@ -184,12 +188,20 @@ export interface components {
              * Min
              * @description x, y, z
              */
-            min: number[];
+            min: [
+                number,
+                number,
+                number
+            ];
             /**
              * Max
              * @description x, y, z
              */
-            max: number[];
+            max: [
+                number,
+                number,
+                number
+            ];
         };
         /**
          * Change
@@ -210,7 +222,11 @@ export interface components {
              * Center M
              * @description x, y, z
              */
-            center_m: number[];
+            center_m: [
+                number,
+                number,
+                number
+            ];
             /**
              * Num Changed
              * @description Answers that saw a change here.
@@ -538,7 +554,11 @@ export interface components {
              * Origin Offset
              * @description x, y, z
              */
-            origin_offset: number[];
+            origin_offset: [
+                number,
+                number,
+                number
+            ];
             /** Num Starts */
             num_starts: number;
             /** Index Bytes */
@@ -792,7 +812,11 @@ export interface components {
              * Position M
              * @description x, y, z
              */
-            position_m: number[];
+            position_m: [
+                number,
+                number,
+                number
+            ];
             /**
              * Leaf Size M
              * @description Edge length of the octree leaf, or of the grid cell, around it.
@@ -808,7 +832,11 @@ export interface components {
              * Position M
              * @description Camera position in the map's own frame.
              */
-            position_m?: number[] | null;
+            position_m?: [
+                number,
+                number,
+                number
+            ] | null;
             /**
              * Radius M
              * @description Largest distance from `position_m`; 5 by default.
@@ -941,7 +969,10 @@ export interface components {
              * Hfov Range Deg
              * @description Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as long; `images[0].camera` in the answer has the result.
              */
-            hfov_range_deg?: number[] | null;
+            hfov_range_deg?: [
+                number,
+                number
+            ] | null;
             /** @description Tracked pose of the image; needed for each of several images. */
             session_from_camera?: components["schemas"]["SessionFromCamera"] | null;
         };
@@ -1104,7 +1135,11 @@ export interface components {
              * Position M
              * @description Camera position in the map's own frame.
              */
-            position_m?: number[] | null;
+            position_m?: [
+                number,
+                number,
+                number
+            ] | null;
             /**
              * Radius M
              * @description Largest distance from `position_m`; 5 by default.

@@ -68,7 +68,7 @@ def test_the_examples_hold_and_lead_to_a_pose_and_to_content_in_its_place(
     for number, code in enumerate((readme, to_a_pose, *others)):
         (project / f"{number}.ts").write_text(code)
     files = sorted(path.name for path in project.glob("*.ts"))
-    node("node_modules/typescript/bin/tsc", *STRICT, "--types", "node", *files, folder=project)
+    node(PACKAGE / "node_modules" / "typescript" / "bin" / "tsc", *STRICT, "--types", "node", *files, folder=project)
 
     (project / "office.ply").write_bytes(small_room().scan)
     (project / "photo.jpg").write_bytes(small_room().panorama)
