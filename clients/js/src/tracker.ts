@@ -66,6 +66,7 @@ const ASK_EVERY_M = 1;
 const ASK_EVERY_S = 5;
 const LEAST_PAUSE_S = 1;
 const LONGEST_PAUSE_S = 30;
+const LONGEST_QUERY_S = 30;
 const BLEND_S = 0.4;
 /** The map is lost when its place is less sure than this. */
 const LOST_M = 0.5;
@@ -120,6 +121,7 @@ export class Tracker {
       const { position_m, yaw_rad } = later(this.#estimate, this.#walk.walked_m);
       if (position_m > LOST_M || yaw_rad > LOST_RAD) this.#lose();
     }
+    if (this.#query && time_s - this.#asked.time_s > LONGEST_QUERY_S) this.#query.abort(new Error(`no answer within ${LONGEST_QUERY_S} s`));
     this.#collect(time_s);
     if (this.#isTimeToAsk(time_s)) void this.#ask(time_s);
   }
@@ -192,12 +194,12 @@ export class Tracker {
     try {
       const images = await Promise.all(frames.map(({ image }) => image));
       const answer = await this.#settings.service.localize(images, { maps: this.#settings.mapId, options: this.#optionsOf(frames) }, { signal: query.signal });
-      if (query.signal.aborted) return;
+      if (this.#query !== query) return;
       this.#numErrors = 0;
       this.#emit("answer", answer);
       if (answer.status === "localized") this.#take(answer, frames);
     } catch (error) {
-      if (query.signal.aborted) return;
+      if (this.#query !== query) return;
       this.#numErrors += 1;
       this.#emit("error", error);
     } finally {

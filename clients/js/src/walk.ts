@@ -11,7 +11,7 @@ const CORRECTED_RAD = 0.15;
 const UNSEEN_M = 0.7;
 const UNSEEN_RAD = 0.7;
 /** Of that, what is left when tracking finds its place again by itself. */
-const FOUND_AGAIN = 0.1;
+const FOUND_AGAIN = 0.25;
 const LONGEST_GAP_S = 0.25;
 
 /** What a step of the walk leaves unknown: standard deviations of the pose of the camera. */

@@ -19,7 +19,7 @@ export interface Session extends EventTarget {
 }
 
 export interface SessionFrame {
-  getViewerPose(space: never): { readonly views: readonly View[]; readonly transform: RigidTransform } | null | undefined;
+  getViewerPose(space: never): { readonly views: readonly View[]; readonly transform: RigidTransform; readonly emulatedPosition: boolean } | null | undefined;
 }
 
 /** Return a transform of WebXR as a motion. */
@@ -84,7 +84,7 @@ export function trackSession<Space extends EventTarget>(
     session.requestAnimationFrame(follow);
     const pose = frame.getViewerPose(space as never);
     view = pose?.views.find(({ camera }) => camera);
-    tracker.update(pose ? motionOf((view ?? pose).transform) : null);
+    tracker.update(pose && !pose.emulatedPosition ? motionOf((view ?? pose).transform) : null);
   };
   space.addEventListener("reset", () => tracker.reset());
   session.addEventListener("end", () => tracker.stop());

@@ -26,7 +26,10 @@ class Walk {
     this.tracker = new Tracker({
       service: {
         localize: (_: readonly Blob[], query: Query, sending?: Sending) =>
-          new Promise<Localization>((give, fail) => this.queries.push({ query, signal: sending?.signal, give, fail })),
+          new Promise<Localization>((give, fail) => {
+            this.queries.push({ query, signal: sending?.signal, give, fail });
+            sending?.signal?.addEventListener("abort", () => fail(sending.signal?.reason));
+          }),
       },
       mapId: "map_1",
       now: () => this.time_s,
@@ -194,6 +197,15 @@ test("stopped, it ends the query that is under way, and asks and captures no mor
   await walk.go(5);
   assert.deepEqual([walk.queries.length, walk.numCaptured, walk.events.length], [0, numCaptured, 0]);
   assert.equal(walk.tracker.mapFromSession, null);
+});
+
+test("a query without an answer is given up, and another one sent", async () => {
+  const walk = new Walk();
+  await walk.go(40);
+  assert.deepEqual([walk.events, walk.queries.length, walk.queries[0]?.signal?.aborted], [["error"], 2, true]);
+  walk.queries.pop()?.give(localized(TRUTH));
+  await setImmediate();
+  assert.deepEqual(walk.events, ["error", "located"]);
 });
 
 test("an error is told, and asking goes on more slowly", async () => {
