@@ -32,8 +32,8 @@ const UNKNOWN_M = 0.3;
 const UNKNOWN_DEG = 5;
 /** Standard deviations beyond which an answer contradicts; less than a hundredth of true ones lies there. */
 const FAR = 3.5;
-/** The radius of 68 % in standard deviations: positions err in the plane, directions about the vertical, because up is known. */
-const RADIUS_OF_POSITION = 1.5;
+/** The radius of 68 % in standard deviations: of three axes alike, and of directions, which err about the vertical where up is known. */
+const RADIUS_OF_POSITION = 1.87;
 const RADIUS_OF_YAW = 1;
 const RADIUS_OF_TILT = 2;
 

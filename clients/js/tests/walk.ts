@@ -23,7 +23,7 @@ interface Walked {
 
 /** Of the phone's tracking: a share of the way, in a direction that turns by this per metre, and a turn per metre. */
 const DRIFT = 0.01;
-const WANDER_RAD_PER_M = Number(process.env["WANDER"] ?? 0.2);
+const WANDER_RAD_PER_M = 0.2;
 const TURN_DRIFT_RAD_PER_M = (0.05 * Math.PI) / 180;
 /** What an answer takes in simulated time, with the way there and back. */
 const LATENCY_S = 0.5;
