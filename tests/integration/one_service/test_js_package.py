@@ -80,6 +80,11 @@ def test_the_examples_hold_and_lead_to_a_pose_and_to_content_in_its_place(
     assert shown["error_m"] < 0.1
 
 
+def test_every_call_does_what_it_says(service: RunningService, map_id: str, tmp_path: Path) -> None:
+    (tmp_path / "panorama.jpg").write_bytes(small_room().panorama)
+    node("tests/calls.ts", str(service.http.base_url), map_id, tmp_path / "panorama.jpg")
+
+
 def test_content_stays_in_place_while_somebody_walks(service: RunningService, walk: Path, walked_map: str) -> None:
     printed = node("tests/walk.ts", str(service.http.base_url), walked_map, walk, "1")
     (walked,) = map(json.loads, printed.splitlines())
