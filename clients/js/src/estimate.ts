@@ -30,12 +30,12 @@ const LEAST_RAD = 0.1 * DEGREE;
 /** Of an answer that gives no accuracy: radii. */
 const UNKNOWN_M = 0.3;
 const UNKNOWN_DEG = 5;
-/** Standard deviations beyond which an answer contradicts; less than a hundredth of true ones lies there. */
-const FAR = 3.5;
+/** Standard deviations beyond which an answer contradicts: few true ones lie there. */
+const FAR = 3;
 /** The radius of 68 % in standard deviations: of three axes alike, and of directions, which err about the vertical where up is known. */
 const RADIUS_OF_POSITION = 1.87;
 const RADIUS_OF_YAW = 1;
-const RADIUS_OF_TILT = 2;
+const RADIUS_OF_TILT = 3;
 
 /** Return what an answer says. walked_m: when its images were taken. */
 export function measured(mapFromSession: Motion, accuracy: { position_m: number | null; orientation_deg: number | null }, walked_m: number): Estimate {
