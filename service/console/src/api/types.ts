@@ -1,22 +1,32 @@
-/** What the console calls the models of the API; docs/api.md says what they mean. */
+/** What the console calls the models of the API; docs/api.md says what they mean. Their types are those of the npm package. */
 
-import type { Georeference as GivenGeoreference, Health as WholeHealth, Map, ProblemDocument } from "./schema.ts";
+import type { components } from "../../../../clients/js/src/schema.ts";
 
-export type { Alternative, Batch, BatchItem, ChangedCell, Diagnostic, MapChanges, MapStats } from "./schema.ts";
-export type { ImageCamera as CameraOfImage, Localization as Answer, PendingLocalization as PendingAnswer, PoseAnswer as Pose } from "./schema.ts";
+type Schemas = components["schemas"];
+
+export type Alternative = Schemas["Alternative"];
+export type Answer = Schemas["Localization"];
+export type PendingAnswer = Schemas["PendingLocalization"];
+export type Pose = Schemas["PoseAnswer"];
+export type CameraOfImage = Schemas["ImageCamera"];
+export type Batch = Schemas["Batch"];
+export type BatchItem = Schemas["BatchItem"];
+/** A batch as `GET /batches` lists it. */
+export type BatchOverview = Schemas["BatchOverview"];
+export type ChangedCell = Schemas["ChangedCell"];
+export type MapChanges = Schemas["MapChanges"];
+export type MapStats = Schemas["MapStats"];
+export type Diagnostic = Schemas["Diagnostic"];
 
 export type Vector3 = [number, number, number];
 
 /** What the service said went wrong, or what the console found by itself, under no request id. */
-export type Problem = Omit<ProblemDocument, "request_id"> & Partial<ProblemDocument>;
+export type Problem = Omit<Schemas["ProblemDocument"], "request_id"> & Partial<Schemas["ProblemDocument"]>;
 
-export type Georeference = Required<GivenGeoreference>;
+export type Georeference = Required<Schemas["Georeference"]>;
 
 /** A map of the service: `Map` is a class of JavaScript. */
-export type Place = Omit<Map, "georeference"> & { georeference: Georeference | null };
-
-/** A batch as `GET /batches` lists it. */
-export type { BatchOverview } from "./schema.ts";
+export type Place = Omit<Schemas["Map"], "georeference"> & { georeference: Georeference | null };
 
 /** `GET /health`; of `GET /health/ready`, the status alone. */
-export type Health = Pick<WholeHealth, "status"> & Partial<WholeHealth>;
+export type Health = Pick<Schemas["Health"], "status"> & Partial<Schemas["Health"]>;

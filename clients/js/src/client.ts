@@ -1,0 +1,143 @@
+/** The calls of the HTTP API that applications make. */
+
+import { request, wait, type Access, type Sending } from "./requests.ts";
+import type { Batch, BatchOptions, LocalizeOptions, Localization, MapOptions, ScanMap } from "./types.ts";
+
+/** Where to search: maps by their ids, or all maps with a tag. */
+export interface Place {
+  maps?: string | readonly string[] | undefined;
+  tag?: string | undefined;
+}
+
+export interface Query extends Place {
+  /** Non-zero pixels are ignored: one for all images, or one per image. */
+  masks?: readonly Blob[] | undefined;
+  options?: LocalizeOptions | undefined;
+}
+
+const FIRST_POLL_S = 0.2;
+const LONGEST_POLL_S = 2;
+
+/** A running service. All calls throw PanolocError, or the reason of their signal once that is aborted. */
+export class Panoloc {
+  readonly maps: Maps;
+  readonly batches: Batches;
+  readonly #access: Access;
+
+  /** key: of the service, if it asks for one. */
+  constructor(url: string, { key, retries = 4 }: { key?: string | undefined; retries?: number } = {}) {
+    this.#access = { url: url.replace(/\/+$/, ""), key, retries };
+    this.maps = new Maps(this.#access);
+    this.batches = new Batches(this.#access);
+  }
+
+  /** Find where an image, or several of one session, were taken. `status` of the answer says whether there is a pose. */
+  async localize(images: Blob | readonly Blob[], { masks = [], options, ...place }: Query, sending?: Sending): Promise<Localization> {
+    const form = formOf(images, place, options);
+    for (const mask of masks) form.append("mask", mask);
+    return (await request(this.#access, "POST", "/localize", form, sending)).json() as Promise<Localization>;
+  }
+
+  /** Delete an answer and its pictures. */
+  async deleteLocalization(id: string, sending?: Sending): Promise<void> {
+    await request(this.#access, "DELETE", `/localizations/${encodeURIComponent(id)}`, undefined, sending);
+  }
+
+  /** Return what an answer links to, such as `answer.artifacts.overlay`. */
+  async download(path: string, sending?: Sending): Promise<Blob> {
+    return (await request(this.#access, "GET", path, undefined, sending)).blob();
+  }
+}
+
+class Maps {
+  readonly #access: Access;
+
+  constructor(access: Access) {
+    this.#access = access;
+  }
+
+  /** Upload a scan. The map answers queries once it is `ready`. name: of the file, whose ending says what it is. */
+  async register(scan: Blob, name: string, options?: MapOptions, sending?: Sending): Promise<ScanMap> {
+    const form = new FormData();
+    form.append("file", scan, name);
+    if (options) form.append("options", JSON.stringify(options));
+    return (await request(this.#access, "POST", "/maps", form, sending)).json() as Promise<ScanMap>;
+  }
+
+  async get(id: string, sending?: Sending): Promise<ScanMap> {
+    return (await request(this.#access, "GET", `/maps/${encodeURIComponent(id)}`, undefined, sending)).json() as Promise<ScanMap>;
+  }
+
+  /** Return the map once it is `ready` or `failed`. */
+  wait(id: string, onUpdate?: (map: ScanMap) => void, sending?: Sending): Promise<ScanMap> {
+    return poll(() => this.get(id, sending), ({ status }) => status === "ready" || status === "failed", onUpdate, sending?.signal);
+  }
+
+  /** Yield all maps, or those with a tag. */
+  async *list(tag?: string, sending?: Sending): AsyncGenerator<ScanMap> {
+    const query = new URLSearchParams(tag ? { tag } : {});
+    for (;;) {
+      const reply = await request(this.#access, "GET", `/maps?${query}`, undefined, sending);
+      const { items, next_cursor } = (await reply.json()) as { items: ScanMap[]; next_cursor: string | null };
+      yield* items;
+      if (!next_cursor) return;
+      query.set("cursor", next_cursor);
+    }
+  }
+
+  async delete(id: string, sending?: Sending): Promise<void> {
+    await request(this.#access, "DELETE", `/maps/${encodeURIComponent(id)}`, undefined, sending);
+  }
+}
+
+class Batches {
+  readonly #access: Access;
+
+  constructor(access: Access) {
+    this.#access = access;
+  }
+
+  /** Place many photos, each by itself; they keep their names. */
+  async create(photos: readonly File[], place: Place, options?: BatchOptions, sending?: Sending): Promise<Batch> {
+    return (await request(this.#access, "POST", "/batches", formOf(photos, place, options), sending)).json() as Promise<Batch>;
+  }
+
+  /** Return a batch with one page of its items. */
+  async get(id: string, cursor?: string, sending?: Sending): Promise<Batch> {
+    const query = new URLSearchParams(cursor ? { cursor } : {});
+    return (await request(this.#access, "GET", `/batches/${encodeURIComponent(id)}?${query}`, undefined, sending)).json() as Promise<Batch>;
+  }
+
+  /** Return the batch once it is `done`. */
+  wait(id: string, onUpdate?: (batch: Batch) => void, sending?: Sending): Promise<Batch> {
+    return poll(() => this.get(id, undefined, sending), ({ status }) => status === "done", onUpdate, sending?.signal);
+  }
+
+  /** Return a zip with the photos placed so far. format: such as `colmap` or `potree`. */
+  async export(id: string, format: string, more: Record<string, string> = {}, sending?: Sending): Promise<Blob> {
+    const query = new URLSearchParams({ format, ...more });
+    return (await request(this.#access, "GET", `/batches/${encodeURIComponent(id)}/export?${query}`, undefined, sending)).blob();
+  }
+
+  async delete(id: string, sending?: Sending): Promise<void> {
+    await request(this.#access, "DELETE", `/batches/${encodeURIComponent(id)}`, undefined, sending);
+  }
+}
+
+function formOf(images: Blob | readonly Blob[], { maps = [], tag }: Place, options: object | undefined): FormData {
+  const form = new FormData();
+  for (const image of images instanceof Blob ? [images] : images) form.append("image", image);
+  for (const id of typeof maps === "string" ? [maps] : maps) form.append("map_id", id);
+  if (tag) form.append("tag", tag);
+  if (options) form.append("options", JSON.stringify(options));
+  return form;
+}
+
+async function poll<T>(get: () => Promise<T>, isOver: (found: T) => boolean, onUpdate?: (found: T) => void, signal?: AbortSignal): Promise<T> {
+  for (let pause_s = FIRST_POLL_S; ; pause_s = Math.min(1.5 * pause_s, LONGEST_POLL_S)) {
+    const found = await get();
+    onUpdate?.(found);
+    if (isOver(found)) return found;
+    await wait(pause_s, signal);
+  }
+}

@@ -1,0 +1,101 @@
+"""The npm package against a real service: its examples do what they say, and content stays in place during a walk."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.integration.running_service import ROOT, RunningService
+from tests.integration.small_room import small_room
+from tests.integration.walked_room import write_walk
+from tests.packaging.test_js_package import PACKAGE, node
+
+pytestmark = [pytest.mark.integration, pytest.mark.no_cover]
+STRICT = (
+    "--strict",
+    "--noUncheckedIndexedAccess",
+    "--target",
+    "es2023",
+    "--module",
+    "nodenext",
+    "--lib",
+    "es2023,dom",
+    "--noEmit",
+)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a user's project, in which the package is installed."""
+    project = tmp_path_factory.mktemp("project")
+    installed = project / "node_modules" / "panoloc"
+    installed.mkdir(parents=True)
+    for name in ("three", "@types"):
+        (project / "node_modules" / name).symlink_to(PACKAGE / "node_modules" / name)
+    node("node_modules/typescript/bin/tsc", "-p", "tsconfig.build.json", "--outDir", installed / "dist")
+    shutil.copy(PACKAGE / "package.json", installed)
+    (project / "package.json").write_text('{"type": "module"}')
+    return project
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("walk")
+    write_walk(folder, seed=3)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def walked_map(service: RunningService, walk: Path) -> str:
+    return service.register((walk / "scan.ply").read_bytes(), "{}")
+
+
+def examples(page: Path, service: RunningService, map_id: str) -> list[str]:
+    """Return the code of a page, for this service and map."""
+    blocks = re.findall(r"```ts\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    url = str(service.http.base_url)
+    return [block.replace("http://127.0.0.1:8000", url).replace("map_…", map_id) for block in blocks]
+
+
+def test_the_examples_hold_and_lead_to_a_pose_and_to_content_in_its_place(
+    project: Path, service: RunningService, walk: Path, walked_map: str
+) -> None:
+    (readme,) = examples(PACKAGE / "README.md", service, walked_map)
+    to_a_pose, *others = examples(ROOT / "docs" / "js.md", service, walked_map)
+    for number, code in enumerate((readme, to_a_pose, *others)):
+        (project / f"{number}.ts").write_text(code)
+    files = sorted(path.name for path in project.glob("*.ts"))
+    node(PACKAGE / "node_modules" / "typescript" / "bin" / "tsc", *STRICT, "--types", "node", *files, folder=project)
+
+    (project / "office.ply").write_bytes(small_room().scan)
+    (project / "photo.jpg").write_bytes(small_room().panorama)
+    x, y, z = map(float, re.findall(r"[xyz]: (-?[\d.]+)", node("1.ts", folder=project)))
+    assert np.linalg.norm(np.array([x, y, z]) - small_room().pose.position) < 0.05
+
+    shown = json.loads(node(PACKAGE / "tests" / "example.ts", project / "0.ts", walk))
+    assert shown["isShown"]
+    assert shown["error_m"] < 0.1
+
+
+def test_every_call_does_what_it_says(service: RunningService, map_id: str, tmp_path: Path) -> None:
+    (tmp_path / "panorama.jpg").write_bytes(small_room().panorama)
+    node("tests/calls.ts", str(service.http.base_url), map_id, tmp_path / "panorama.jpg")
+
+
+def test_content_stays_in_place_while_somebody_walks(service: RunningService, walk: Path, walked_map: str) -> None:
+    printed = node("tests/walk.ts", str(service.http.base_url), walked_map, walk, "1")
+    (walked,) = map(json.loads, printed.splitlines())
+    names = [name for name, _ in walked["events"]]
+    assert names[0] == "located"
+    assert set(names) <= {"located", "corrected"}
+    assert walked["events"][0][1] < 6
+    errors = [(error["m"], error["deg"]) if error else (np.inf, np.inf) for error in walked["errors"]]
+    meters, degrees = np.array(errors).T
+    in_place = np.mean((meters < 0.05) & (degrees < 1))
+    print(
+        f"in place {in_place:.3f}, median {np.median(meters):.3f} m {np.median(degrees):.2f}°, {len(walked['took_s'])} queries"
+    )
+    assert in_place >= 0.95
