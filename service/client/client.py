@@ -107,6 +107,10 @@ class PanolocClient:
         """Change fields of a map (`name`, `tags`, `shared_with`, …) and return it."""
         return _json_object(self._checked("PATCH", f"/maps/{map_id}", json=changes))
 
+    def make_link(self, map_id: str) -> JsonObject:
+        """Make a link with which phones that reach the service as this client does open a map; see `POST /maps/{id}/links`."""
+        return _json_object(self._checked("POST", f"/maps/{map_id}/links", json={"service_url": self.url}))
+
     def delete_map(self, map_id: str) -> None:
         """Delete a map with its scan and its index."""
         self._checked("DELETE", f"/maps/{map_id}")

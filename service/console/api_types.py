@@ -13,7 +13,7 @@ from pydantic.json_schema import models_json_schema
 
 from panoloc.service.answer import Localization
 from panoloc.service.http.schemas.batches import Batch, BatchOverview
-from panoloc.service.http.schemas.maps import Georeference, Map, MapChanges
+from panoloc.service.http.schemas.maps import Georeference, Map, MapChanges, MapLink
 from panoloc.service.http.schemas.operations import Health
 from panoloc.service.http.schemas.queries import PendingLocalization
 
@@ -28,6 +28,7 @@ _MODELS: tuple[type[BaseModel], ...] = (
     Batch,
     BatchOverview,
     MapChanges,
+    MapLink,
     Health,
 )
 _PRIMITIVES = {"string": "string", "number": "number", "integer": "number", "boolean": "boolean", "null": "null"}

@@ -181,6 +181,12 @@ export interface MapChanges {
   cells: ChangedCell[];
 }
 
+export interface MapLink {
+  url: string;
+  key_id: string | null;
+  qr_svg: string;
+}
+
 export interface MapStats {
   num_points: number;
   num_points_used: number;
