@@ -21,10 +21,10 @@ AXE = Path(__file__).parents[2] / "service" / "console" / "node_modules" / "axe-
 
 
 @contextmanager
-def browser() -> Iterator[Browser]:
+def browser(*arguments: str) -> Iterator[Browser]:
     """Start Debian's Chromium, as `scripts/install --dev` installs it."""
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=_ARGUMENTS)
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=[*_ARGUMENTS, *arguments])
         yield chromium
         chromium.close()
 

@@ -1,6 +1,7 @@
 """Links that open a map on phones."""
 
 import asyncio
+import io
 from dataclasses import replace
 
 import segno
@@ -41,8 +42,10 @@ async def post_link(request: Request, map_id: str) -> Response:
     if services_of(request).settings.keys.required:
         key_id, key = await _new_key(request, map_id)
         url += f"#key={key}"
-    picture = segno.make_qr(url).svg_inline(omitsize=True, border=2, light="white")
-    return JSONResponse({"url": url, "key_id": key_id, "qr_svg": picture}, headers={"Cache-Control": "no-store"})
+    picture = io.BytesIO()
+    segno.make_qr(url).save(picture, kind="svg", xmldecl=False, omitsize=True, border=2, light="white")
+    body = {"url": url, "key_id": key_id, "qr_svg": picture.getvalue().decode()}
+    return JSONResponse(body, headers={"Cache-Control": "no-store"})
 
 
 async def _new_key(request: Request, map_id: str) -> tuple[str, str]:

@@ -2,7 +2,7 @@
 
 import type { Georeference as GivenGeoreference, Health as WholeHealth, Map, ProblemDocument } from "./schema.ts";
 
-export type { Alternative, Batch, BatchItem, ChangedCell, Diagnostic, MapChanges, MapStats } from "./schema.ts";
+export type { Alternative, Batch, BatchItem, ChangedCell, Diagnostic, MapChanges, MapLink, MapStats } from "./schema.ts";
 export type { ImageCamera as CameraOfImage, Localization as Answer, PendingLocalization as PendingAnswer, PoseAnswer as Pose } from "./schema.ts";
 
 export type Vector3 = [number, number, number];
