@@ -27,7 +27,6 @@ _HEADER = b"YUV4MPEG2 W%d H%d F10:1 Ip A1:1 C420\n" % SIZE
 _FRAMES_MS = 450
 _STEP_DEG = 45.0
 _END = re.compile("You are here|Not found|Several places fit")
-_PLACE = re.compile(r"x (-?[\d.]+) m, y (-?[\d.]+) m, facing (\d+)°")
 
 
 @dataclass(frozen=True)
@@ -91,16 +90,18 @@ class Phone:
             page.wait_for_timeout(300)
         seconds = time.monotonic() - began - in_turning_s
         title = str(end.inner_text())
-        said = _PLACE.search(page.locator("main").inner_text())
-        if said is None:
+        said = page.locator("[data-picture]")
+        if not said.count():
             return Found(title, num_shots, seconds, math.inf)
+        x, y = map(float, re.findall(r"[xy] (-?[\d.]+) m", said.inner_text()))
+        num_shots = int(str(said.get_attribute("data-picture")))
         truth = hand.pose(_STEP_DEG * (num_shots - 1)).position
-        return Found(title, num_shots, seconds, math.dist((float(said[1]), float(said[2])), truth[:2]))
+        return Found(title, num_shots, seconds, math.dist((x, y), truth[:2]))
 
 
 @dataclass(frozen=True)
 class Found:
-    """title: what the page says. seconds: without those that turning took. error_m: on the plan, infinite without a place."""
+    """title: what the page says. num_shots: that its answer is about. seconds: without those that turning took. error_m: on the plan, infinite without a place."""
 
     title: str
     num_shots: int

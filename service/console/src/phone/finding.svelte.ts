@@ -3,7 +3,7 @@
 import { RequestError, shown } from "../api/problem.ts";
 import type { Answer, Problem } from "../api/types.ts";
 import type { Upload } from "../api/upload.ts";
-import { acrossLonger, ANY, GUESS_DEG, Lenses } from "./lens.ts";
+import { acrossLonger, ANY, around, GUESSED_SHARE, GUESSES_DEG, Lenses } from "./lens.ts";
 import { angleBetween, lookOf, type Quaternion } from "./orientation.ts";
 import { askOne, askTogether, standingAt, type TurnedShot } from "./query.ts";
 
@@ -11,6 +11,7 @@ export const MOST_SHOTS = 6;
 /** From one picture to the next: they overlap no more than little. */
 const APART_DEG = 38;
 const SURE = 0.9;
+const EXACT_M = 0.1;
 
 const lenses = new Lenses(localStorage);
 
@@ -40,6 +41,11 @@ export class Finding {
 
   private get canTurn(): boolean {
     return this.shots.length < MOST_SHOTS && this.shots.every((shot) => shot.orientation);
+  }
+
+  /** Which picture the last one that the answer is about is, from 1. */
+  get lastNumber(): number {
+    return this.lastShot ? this.shots.indexOf(this.lastShot) + 1 : 0;
   }
 
   isNewDirection(orientation: Quaternion): boolean {
@@ -75,15 +81,23 @@ export class Finding {
     this.lastShot = shot;
   }
 
+  /** Ask about all pictures, and where that finds a place, about the last one there: it is exact, however long an arm is. */
   private async askAboutAll(shots: TurnedShot[]): Promise<void> {
     const last = shots.at(-1)!;
-    const together = await this.answered(askTogether(this.mapId, shots, lenses.known(last.lens) ?? GUESS_DEG));
-    this.answer = together;
+    const known = lenses.known(last.lens);
+    let best: Answer | null = null;
+    for (const hfovDeg of known === null ? GUESSES_DEG : [known]) {
+      const together = await this.answered(askTogether(this.mapId, shots, hfovDeg));
+      if (best === null || rank(together) > rank(best)) best = together;
+      const image = together.images.at(-1);
+      if (rank(together) < SURE || !image?.pose) continue;
+      const range = known === null ? around(acrossLonger(image.camera.hfov_deg, last.width, last.height), GUESSED_SHARE) : lenses.range(last.lens);
+      const exact = this.learnt(last, await this.answered(askOne(this.mapId, last, range, standingAt(image.pose))));
+      if (isSure(exact)) best = exact;
+      break;
+    }
+    this.answer = best;
     this.lastShot = last;
-    const pose = together.images.at(-1)?.pose;
-    if (!isSure(together) || !pose) return;
-    const exact = this.learnt(last, await this.answered(askOne(this.mapId, last, lenses.range(last.lens), standingAt(pose))));
-    if (isSure(exact)) this.answer = exact;
   }
 
   private async askedAlone(shot: TurnedShot): Promise<Answer> {
@@ -116,6 +130,12 @@ export class Finding {
   }
 }
 
-export function isSure(answer: Answer): boolean {
-  return answer.status === "localized" && answer.confidence >= SURE;
+/** Whether an answer says exactly enough where somebody stands. Arms of unknown length keep several pictures from that. */
+function isSure(answer: Answer): boolean {
+  return rank(answer) >= SURE && (answer.accuracy?.position_m ?? Infinity) <= EXACT_M;
+}
+
+/** Return the confidence in a place, below 0 where there is none. */
+function rank(answer: Answer): number {
+  return answer.status === "localized" ? answer.confidence : answer.confidence - 1;
 }

@@ -7,9 +7,11 @@ export type Range = [number, number];
 
 /** Of the cameras of phones, in videos and photos. */
 export const ANY: Range = [50, 92];
-/** Where several pictures need one and none is known: rather wide, since the service looks for narrower ones by itself. */
-export const GUESS_DEG = 72;
-const SURE_SHARE = 0.08;
+/** Where several pictures need one and none is known: what most phones have, with and without the crop of a steadied video. */
+export const GUESSES_DEG = [70, 61];
+/** How far off a remembered one may be, and one that was found from a guess. */
+const KNOWN_SHARE = 0.08;
+export const GUESSED_SHARE = 0.14;
 const MOST_COUNTED = 8;
 
 interface Known {
@@ -33,7 +35,7 @@ export class Lenses {
   /** Return the bounds to search. */
   range(name: string): Range {
     const deg = this.known(name);
-    return deg === null ? ANY : [deg * (1 - SURE_SHARE), deg * (1 + SURE_SHARE)];
+    return deg === null ? ANY : around(deg, KNOWN_SHARE);
   }
 
   /** Count what a sure answer found. */
@@ -54,6 +56,10 @@ export class Lenses {
   private all(): Record<string, Known> {
     return JSON.parse(this.store.getItem(this.entry) ?? "{}") as Record<string, Known>;
   }
+}
+
+export function around(deg: number, share: number): Range {
+  return [deg * (1 - share), deg * (1 + share)];
 }
 
 /** Return the field of view across the width of a picture, from that across its longer side. */

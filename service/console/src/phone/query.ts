@@ -24,8 +24,8 @@ const ARM_M = 0.35;
 const ARM_NOISE_M = 0.1;
 const TURN_NOISE_DEG = 2;
 /** Around the place that several pictures found: one picture says it more exactly, since arms differ. */
-const NEAR_M = 0.6;
-const NEAR_DEG = 20;
+const NEAR_M = 1;
+const NEAR_DEG = 25;
 
 type Options = Record<string, unknown>;
 
