@@ -53,8 +53,8 @@ def _found(count: int, seed: int) -> Iterator[tuple[Hand, Found]]:
                     free_position(scene, rng),
                     yaw_deg=float(rng.uniform(0, 360)),
                     pitch_deg=float(rng.uniform(-8, 8)),
-                    arm_m=float(rng.uniform(0.25, 0.45)),
-                    longer_hfov_deg=float(rng.uniform(58, 82)),
+                    arm_m=float(rng.uniform(0.3, 0.4)),
+                    longer_hfov_deg=float(rng.uniform(62, 76)),
                 )
                 with phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
                     yield hand, phone.find(hand)

@@ -101,7 +101,8 @@ class Phone:
 
 @dataclass(frozen=True)
 class Found:
-    """title: what the page says. num_shots: that its answer is about. seconds: without those that turning took. error_m: on the plan, infinite without a place."""
+    """title: what the page says. num_shots: that its answer is about. seconds: without those that turning took.
+    error_m: on the plan, infinite without a place."""
 
     title: str
     num_shots: int

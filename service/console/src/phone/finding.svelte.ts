@@ -93,7 +93,7 @@ export class Finding {
       if (rank(together) < SURE || !image?.pose) continue;
       const range = known === null ? around(acrossLonger(image.camera.hfov_deg, last.width, last.height), GUESSED_SHARE) : lenses.range(last.lens);
       const exact = this.learnt(last, await this.answered(askOne(this.mapId, last, range, standingAt(image.pose))));
-      if (isSure(exact)) best = exact;
+      if (isSure(exact) && agree(exact, together)) best = exact;
       break;
     }
     this.answer = best;
@@ -133,6 +133,12 @@ export class Finding {
 /** Whether an answer says exactly enough where somebody stands. Arms of unknown length keep several pictures from that. */
 function isSure(answer: Answer): boolean {
   return rank(answer) >= SURE && (answer.accuracy?.position_m ?? Infinity) <= EXACT_M;
+}
+
+/** Whether one picture says what several do, as exactly as those can. */
+function agree(exact: Answer, together: Answer): boolean {
+  const [one, last] = [exact.images[0]?.pose, together.images.at(-1)?.pose].map((pose) => pose && standingAt(pose));
+  return one != null && last != null && Math.hypot(one.x - last.x, one.y - last.y) <= (together.accuracy?.position_m ?? 0);
 }
 
 /** Return the confidence in a place, below 0 where there is none. */
