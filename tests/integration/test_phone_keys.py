@@ -5,12 +5,14 @@ import time
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import FilePayload, expect
 
+from tests.core.image.picture_files import encoded
 from tests.integration.console_page import browser, page_of, serious_faults
 from tests.integration.phone import SCREEN
-from tests.service.http.running_service import SCAN, listening, png_of
+from tests.service.http.running_service import SCAN, listening
 from tests.service.started_redis import started_redis
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
@@ -33,7 +35,7 @@ def test_a_link_brings_its_key_and_over_http_photos_of_the_camera_app_are_taken(
             expect(page.get_by_text("The camera needs a secure address")).to_be_visible()
             assert page.get_by_role("button", name="Find where I am").count() == 0
             assert serious_faults(page) == []
-            photo = {"name": "photo.png", "mimeType": "image/png", "buffer": png_of(8, 4)}
+            photo = FilePayload(name="photo.png", mimeType="image/png", buffer=encoded(np.zeros((4, 8, 3), np.uint8)))
             with page.expect_request("**/localize") as asked:
                 page.get_by_label("Use the camera app").set_input_files(photo)
             assert asked.value.headers["authorization"] == f"Bearer {link.partition('#key=')[2]}"

@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.integration.console_page import serious_faults
-from tests.integration.phone import Hand, Phone, phone_at
+from tests.integration.phone import Hand, phone_at
 from tests.integration.running_service import RunningService
 from tests.integration.small_room import room_scene
 
