@@ -103,4 +103,8 @@ def _wait_until_still(page: Page) -> None:
 
 def _is_complaint(kind: str, text: str) -> bool:
     # A failed request is said here too; tests of failures make some. So is what browsers leave out over http.
-    return kind == "error" and "Failed to load resource" not in text and "Opener-Policy header has been ignored" not in text
+    return (
+        kind == "error"
+        and "Failed to load resource" not in text
+        and "Opener-Policy header has been ignored" not in text
+    )

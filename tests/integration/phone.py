@@ -20,13 +20,13 @@ from panoloc.lab.rooms import Scene, take_photo
 from panoloc.lab.rooms.capture.shooting import turned
 from tests.integration.console_page import browser, page_of
 
-SIZE = (720, 1280)
+SIZE = (540, 960)
 SCREEN = {"width": 390, "height": 844}
 _HEADER = b"YUV4MPEG2 W%d H%d F10:1 Ip A1:1 C420\n" % SIZE
 # Until the browser has read the picture anew.
 _FRAMES_MS = 450
 _STEP_DEG = 45.0
-_END = re.compile("You are here|Not found|Several places fit")
+_END = re.compile("You are here|Probably here|Not found|Several places fit")
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,12 @@ class Found:
     num_shots: int
     seconds: float
     error_m: float
+    num_tries: int = 1
+
+    @property
+    def is_sure(self) -> bool:
+        """Return whether the page says that this is the place."""
+        return self.title == "You are here"
 
 
 @contextmanager

@@ -14,8 +14,8 @@ from tests.integration.small_room import room_scene
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
 
 # Where one picture shows enough, and where it does not.
-SURE = Hand(room_scene(), np.array([1.4, 1.6, 1.5]), yaw_deg=40.0, pitch_deg=4.0)
-UNSURE = Hand(room_scene(), np.array([1.4, 1.6, 1.5]), yaw_deg=220.0)
+SURE = Hand(room_scene(), np.array([1.33, 0.04, 1.26]), yaw_deg=150.0, pitch_deg=4.0)
+UNSURE = Hand(room_scene(), np.array([1.07, 0.26, 1.37]), yaw_deg=260.0, pitch_deg=4.0)
 
 
 def test_one_picture_says_where_somebody_stands_and_the_page_leads_on(service: RunningService, map_id: str) -> None:

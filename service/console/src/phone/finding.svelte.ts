@@ -29,6 +29,10 @@ export class Finding {
     this.mapId = mapId;
   }
 
+  get isSure(): boolean {
+    return this.answer !== null && isSure(this.answer);
+  }
+
   /** Whether the last answer is what there is to say: sure, or no picture is to come. */
   get isOver(): boolean {
     return this.answer !== null && !this.isAsking && !this.wantsMore;
@@ -36,7 +40,7 @@ export class Finding {
 
   /** Whether the answers so far are not sure, and a picture in another direction can join the others. */
   get wantsMore(): boolean {
-    return this.answer !== null && !isSure(this.answer) && this.canTurn;
+    return this.answer !== null && !this.isSure && this.canTurn;
   }
 
   private get canTurn(): boolean {
@@ -63,7 +67,7 @@ export class Finding {
       do {
         shots = this.shots;
         await (shots.length === 1 ? this.askAboutOne(shots[0]!) : this.askAboutAll(shots));
-      } while (this.shots !== shots && !(this.answer && isSure(this.answer)));
+      } while (this.shots !== shots && !this.isSure);
     } catch (error) {
       if (!(error instanceof DOMException && error.name === "AbortError")) this.problem = shown(error);
     }
