@@ -107,7 +107,7 @@ def _qr_code(text: str) -> Text:
     import segno
 
     drawn = io.StringIO()
-    segno.make_qr(text).terminal(drawn, border=2, compact=True)
+    segno.make_qr(text).terminal(drawn, compact=True)
     return Text(drawn.getvalue(), style="white on black", no_wrap=True)
 
 

@@ -43,7 +43,7 @@ async def post_link(request: Request, map_id: str) -> Response:
         key_id, key = await _new_key(request, map_id)
         url += f"#key={key}"
     picture = io.BytesIO()
-    segno.make_qr(url).save(picture, kind="svg", xmldecl=False, omitsize=True, border=2, light="white")
+    segno.make_qr(url).save(picture, kind="svg", xmldecl=False, omitsize=True, light="white")
     body = {"url": url, "key_id": key_id, "qr_svg": picture.getvalue().decode()}
     return JSONResponse(body, headers={"Cache-Control": "no-store"})
 

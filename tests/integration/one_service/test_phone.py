@@ -31,6 +31,10 @@ def test_one_picture_says_where_somebody_stands_and_the_page_leads_on(service: R
         assert box is not None
         plan.click(position={"x": box["width"] / 2, "y": box["height"] / 2})
         way = phone.page.get_by_text(re.compile(r"\d m (straight|ahead|to your|behind)"))
+        expect(way).to_contain_text(re.compile(r"^1\.\d m"))
+        for _ in range(10):  # each a fiftieth of the plan further
+            plan.press("ArrowLeft")
+        expect(way).to_contain_text(re.compile(r"^2\.\d m"))
         before = way.inner_text()
         # Who turns around has it on the other side.
         phone.hold(SURE, 180.0)

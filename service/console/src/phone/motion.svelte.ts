@@ -36,5 +36,5 @@ export const motion = {
 
 function take({ alpha, beta, gamma }: DeviceOrientationEvent): void {
   if (alpha === null || beta === null || gamma === null) return;
-  now = cameraOrientation(alpha, beta, gamma, screen.orientation?.angle ?? 0);
+  now = cameraOrientation(alpha, beta, gamma, screen.orientation?.angle ?? window.orientation ?? 0);
 }
