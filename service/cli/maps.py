@@ -1,14 +1,18 @@
 """`panoloc maps`: list, share and delete maps."""
 
+import io
 from collections.abc import Callable, Sequence
 from typing import Annotated
+from urllib.parse import urlsplit
 
 import typer
+from rich.text import Text
 
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.cli.tables import map_table, older_revision
 from panoloc.service.client import ClientError, JsonClient, JsonObject, UnreachableError
+from panoloc.service.host_names import is_loopback
 
 app = typer.Typer(help="List, share or delete maps.")
 
@@ -69,20 +73,55 @@ def share(
         list[str] | None,
         typer.Option("--with", metavar="TENANT", help="Tenant that gets access to the maps; repeatable, `*` for all."),
     ] = None,
+    qr: Annotated[
+        bool,
+        typer.Option("--qr", help="Make a link and a QR code for phones. Tenants change only together with --with."),
+    ] = False,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
     """Share the maps with exactly these tenants; without --with, with nobody.
 
-    These tenants can view the maps and localize in them. Only the owner can change a map.
+    These tenants can view the maps and localize in them. Only the owner can change a map. With --qr people share them by a
+    link, under the URL of the service: name one that phones reach.
     """
     session = Session.of(ctx, json)
+
+    def link_one(client: JsonClient, map_id: str) -> None:
+        link = client.make_link(map_id)
+        session.show({"id": map_id, "url": link["url"], "key_id": link["key_id"]}, link["url"])
+        if not json:
+            session.results.print(_qr_code(link["url"]))
+            session.messages.print(_link_notes(link), markup=False, soft_wrap=True)
 
     def share_one(client: JsonClient, map_id: str) -> None:
         changed = client.change_map(map_id, {"shared_with": tenants or []})
         session.show(changed, f"{map_id} is shared with {', '.join(changed['shared_with']) or 'nobody'}")
 
-    return _for_each(session, url, map_ids, share_one)
+    done = _for_each(session, url, map_ids, share_one) if tenants or not qr else ExitCode.OK
+    return _for_each(session, url, map_ids, link_one) if qr and done == ExitCode.OK else done
+
+
+def _qr_code(text: str) -> Text:
+    """Return the code in half blocks, dark on light in every terminal."""
+    import segno
+
+    drawn = io.StringIO()
+    segno.make_qr(text).terminal(drawn, compact=True)
+    return Text(drawn.getvalue(), style="white on black", no_wrap=True)
+
+
+def _link_notes(link: JsonObject) -> str:
+    """Return what the operator should know of a link: how its key ends, and whether phones can use it."""
+    notes = []
+    if link["key_id"]:
+        notes.append(f"Whoever has the link can localize in this map until `panoloc keys revoke {link['key_id']}`.")
+    address = urlsplit(link["url"])
+    if is_loopback(address.hostname or ""):
+        notes.append("Only this machine reaches that address: name one that phones reach with --url.")
+    elif address.scheme != "https":
+        notes.append("Phones allow the camera on https:// alone; `panoloc certificate` makes a certificate.")
+    return "\n".join(notes)
 
 
 def _for_each(

@@ -5,6 +5,10 @@ import { defineConfig } from "vite";
 export default defineConfig({
   base: "./",
   plugins: [svelte()],
-  build: { outDir: "built", assetsDir: "console", assetsInlineLimit: 0, modulePreload: false, chunkSizeWarningLimit: 1000 },
+  build: {
+    outDir: "built", assetsDir: "console", assetsInlineLimit: 0, modulePreload: false, chunkSizeWarningLimit: 1000,
+    // Phones load a page of their own, without what draws in 3D.
+    rolldownOptions: { input: { index: "index.html", phone: "m/index.html" } },
+  },
   server: { proxy: Object.fromEntries(["/maps", "/localize", "/localizations", "/batches", "/health", "/metrics", "/demo"].map((path) => [path, "http://127.0.0.1:8000"])) },
 });

@@ -11,7 +11,7 @@ from pydantic.json_schema import models_json_schema
 from panoloc.service.answer import BY_STATUS, Localization
 from panoloc.service.http.schemas.batches import BatchOptions
 from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
-from panoloc.service.http.schemas.maps import MapOptions, MapPatch, ScanOptions
+from panoloc.service.http.schemas.maps import LinkRequest, MapOptions, MapPatch, ScanOptions
 from panoloc.service.http.schemas.operations import ProblemDocument
 from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.problems import error_responses
@@ -25,6 +25,7 @@ _MODELS: tuple[type[BaseModel], ...] = (
     MapOptions,
     ScanOptions,
     MapPatch,
+    LinkRequest,
     LocalizeOptions,
     BatchOptions,
     GeoPoseRequest,

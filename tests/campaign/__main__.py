@@ -23,7 +23,8 @@ def main(arguments: list[str]) -> int:
         help="scans, images, requests; kills of: worker, redis, replica (of the API, behind a proxy), service; soak;\n"
         "node: of a Ray cluster, killed during 200 queries; campus: one of three, during 50 queries over 300 maps;\n"
         "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers;\n"
-        "robot: drives through a flat with odometry that errs (docs/ros2.md); all",
+        "robot: drives through a flat with odometry that errs (docs/ros2.md);\n"
+        "phones: 20 that look for their place, in a browser; all",
     )
     parser.add_argument(
         "--cases", type=int, default=10_000, help="damaged scans; half as many images and requests (10,000)"
@@ -31,6 +32,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--kills", type=int, default=20, help="of each class of processes (20)")
     parser.add_argument("--overload-s", type=float, default=300.0, help="seconds of overload, and of crowd (300)")
     parser.add_argument("--soak-s", type=float, default=3600.0, help="seconds of soak (3600)")
+    parser.add_argument("--phones", type=int, default=20, help="phones that look for their place (20)")
     parser.add_argument("--seed", type=int, default=1, help="the same seed damages in the same way (1)")
     given = parser.parse_args(arguments)
     parts = _parts(given)
@@ -52,6 +54,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
     from tests.campaign.hostile_requests import hostile_requests
     from tests.campaign.kills import node_killed, node_of_campus_killed, process_kills, replica_kills, service_kills
     from tests.campaign.overload import impatient, newcomers
+    from tests.campaign.phones import phones
     from tests.campaign.robot import robot
     from tests.campaign.running import soak
 
@@ -68,6 +71,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "overload": partial(impatient, given.overload_s),
         "crowd": partial(newcomers, given.overload_s),
         "robot": partial(robot, 0),
+        "phones": partial(phones, given.phones, given.seed),
         "soak": partial(soak, given.soak_s),
     }
 

@@ -145,6 +145,18 @@ def test_places_that_fit_are_stepped_through(page: Page, service: RunningService
     expect(page.get_by_label("Answer", exact=True)).to_contain_text("Several places fit")
 
 
+def test_a_map_has_a_code_that_opens_it_on_phones(page: Page, service: RunningService, room_id: str) -> None:
+    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.get_by_role("button", name="About").click()
+    page.get_by_role("button", name="For phones").click()
+    code = page.get_by_role("img", name="QR code of the link below")
+    expect(code).to_be_visible()
+    assert code.evaluate("image => image.complete && image.naturalWidth > 0")
+    link = page.get_by_role("dialog").get_by_role("link")
+    expect(link).to_have_attribute("href", re.compile(rf"^http://127.0.0.1:{service.port}/m/{room_id}$"))
+    assert serious_faults(page) == []
+
+
 def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
 ) -> None:

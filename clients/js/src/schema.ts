@@ -508,6 +508,27 @@ export interface components {
             cells: components["schemas"]["ChangedCell"][];
         };
         /**
+         * MapLink
+         * @description A link that opens a map on a phone.
+         */
+        MapLink: {
+            /**
+             * Url
+             * @description Page of the map. What follows `#` never leaves the phone.
+             */
+            url: string;
+            /**
+             * Key Id
+             * @description Id of the key in the link, which can localize in this map and read it; null: the service requires none.
+             */
+            key_id: string | null;
+            /**
+             * Qr Svg
+             * @description QR code of the link, SVG.
+             */
+            qr_svg: string;
+        };
+        /**
          * MapPage
          * @description A page of maps, oldest first.
          */
@@ -1195,6 +1216,18 @@ export interface components {
             rotation?: number;
         } & {
             [key: string]: unknown;
+        };
+        /**
+         * LinkRequest
+         * @description The body of `POST /maps/{id}/links`.
+         */
+        LinkRequest: {
+            /**
+             * Service Url
+             * Format: uri
+             * @description Address under which phones reach the service.
+             */
+            service_url: string;
         };
         /**
          * LocalizeOptions

@@ -99,7 +99,7 @@ test("an answer gives the map its place, and the next ones expect it there", asy
   const { options } = walk.queries[0]!.query;
   const prior = options!.hints!.prior!;
   const first = options!.cameras![0]!.session_from_camera as Motion;
-  assert.ok(far(prior.pose.map_from_camera, compose(TRUTH, first)) < 1e-6);
+  assert.ok(far(prior.pose!.map_from_camera, compose(TRUTH, first)) < 1e-6);
   assert.ok(prior.position_std_m! > 0.005 && prior.position_std_m! < 0.1, String(prior.position_std_m));
   await walk.answer(localized(TRUTH));
   assert.deepEqual(walk.events, ["located", "corrected"]);

@@ -8,6 +8,7 @@ from panoloc.service.http.routes import (
     geopose,
     localize,
     map_files,
+    map_links,
     maps,
     new_batches,
     new_scans,
@@ -15,7 +16,7 @@ from panoloc.service.http.routes import (
     pages,
 )
 
-_GROUPS = (maps, new_scans, map_files, localize, geopose, new_batches, batches, operations, pages)
+_GROUPS = (maps, new_scans, map_files, map_links, localize, geopose, new_batches, batches, operations, pages)
 ROUTERS: tuple[APIRouter, ...] = tuple(module.router for module in _GROUPS)
 
 QUERY_ROUTES: tuple[APIRoute, ...] = tuple(

@@ -1,6 +1,7 @@
-"""Pages for people: the console, built from `service/console` by `scripts/install`, and the description of the API.
+"""Pages for people: the console and its page for phones, built from `service/console` by `scripts/install`, and the
+description of the API.
 
-The console asks for no key: it fetches what it shows with the key that its user enters.
+The pages ask for no key: they fetch what they show with the key that their user enters, or that a link carries.
 """
 
 import re
@@ -41,7 +42,17 @@ The <a href="/docs">HTTP API</a> works.</p>
 @router.get("/")
 async def console() -> Response:
     """Return the console, or say how to build it."""
-    index = BUILT / "index.html"
+    return _page("index.html")
+
+
+@router.get("/m/{map_id}")
+async def phone_page(map_id: str) -> Response:
+    """Return the page on which a phone finds its place in a map; the page asks for the map."""
+    return _page("m/index.html")
+
+
+def _page(name: str) -> Response:
+    index = BUILT / name
     headers = {**_SECURITY, "Cache-Control": "no-cache"}
     if not index.is_file():
         return HTMLResponse(_NOT_BUILT, headers=headers)

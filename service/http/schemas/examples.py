@@ -103,6 +103,11 @@ QUEUED_MAP_EXAMPLE = {
     "stats": None,
     "diagnostics": [],
 }
+LINK_EXAMPLE = {
+    "url": f"https://scanner.local:8000/m/{_MAP_ID}#key=pk_8sCk3…",
+    "key_id": "key_5d41402a",
+    "qr_svg": '<svg viewBox="0 0 41 41">…</svg>',
+}
 CHANGES_EXAMPLE: dict[str, Any] = {
     "map_id": _MAP_ID,
     "revision": 1,

@@ -5,7 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, Field, HttpUrl, StringConstraints
 
 from panoloc.core import options
 from panoloc.core.earth.georeference import LONGEST_DEFINITION, coordinate_system
@@ -129,6 +129,22 @@ class MapPatch(PlaceOnEarth):
     def changes(self) -> dict[str, Any]:
         """Return the given fields as JSON."""
         return self.model_dump(mode="json", include=self.model_fields_set)
+
+
+class LinkRequest(RequestModel):
+    """The body of `POST /maps/{id}/links`."""
+
+    service_url: HttpUrl = Field(description="Address under which phones reach the service.")
+
+
+class MapLink(ResponseModel):
+    """A link that opens a map on a phone."""
+
+    url: str = Field(description="Page of the map. What follows `#` never leaves the phone.")
+    key_id: str | None = Field(
+        description="Id of the key in the link, which can localize in this map and read it; null: the service requires none."
+    )
+    qr_svg: str = Field(description="QR code of the link, SVG.")
 
 
 MapStatus = Literal["queued", "reading", "indexing", "ready", "failed"]

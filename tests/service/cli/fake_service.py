@@ -79,7 +79,7 @@ class FakeService:
             raise httpx.ConnectError("Connection refused", request=request)
         path = request.url.path
         self.requests.append((request.method, str(request.url).removeprefix("http://127.0.0.1:8000")))
-        if request.method == "POST":
+        if request.method == "POST" and not path.endswith("/links"):
             self.parts = multipart_fields(request)
         if (reply := self.on_request(request)) is not None:
             return reply
@@ -90,6 +90,9 @@ class FakeService:
             raise instead
         if instead is not None:
             return instead
+        if path.endswith("/links"):
+            url = json.loads(request.content)["service_url"] + path.replace("/maps/", "/m/").removesuffix("/links")
+            return httpx.Response(200, json={"url": f"{url}#key=pk_1", "key_id": "key_1", "qr_svg": "<svg/>"})
         return self._routes()[request.method, path.partition("/map_")[0]](request)
 
     def _routes(self) -> dict[tuple[str, str], Callable[[httpx.Request], httpx.Response]]:

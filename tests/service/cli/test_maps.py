@@ -124,6 +124,40 @@ def test_maps_are_shared_with_those_that_are_named_and_no_others(panoloc: Panolo
     assert shown["shared_with"] == ["school"]
 
 
+@pytest.mark.parametrize(
+    ("url", "note"),
+    [
+        ("https://scanner.local:8000", None),
+        ("http://scanner.local:8000", "https:// alone"),
+        ("http://127.0.0.1:8000", "with --url"),
+    ],
+)
+def test_a_link_for_phones_is_printed_with_its_code(
+    panoloc: Panoloc, fake: FakeService, url: str, note: str | None
+) -> None:
+    done = panoloc("maps", "share", "map_1", "--qr", "--url", url)
+    link = f"{url}/m/map_1#key=pk_1"
+    assert (done.code, done.out.splitlines()[0]) == (0, link)
+    assert "\u2580" in done.out
+    assert "panoloc keys revoke key_1" in done.err
+    assert [each in done.err for each in ("https:// alone", "with --url")] == [
+        each == note for each in ("https:// alone", "with --url")
+    ]
+    assert [request[0] for request in fake.requests] == ["POST"]
+    assert panoloc("maps", "share", "map_1", "--qr", "--url", url, "--json").documents == [
+        {"id": "map_1", "url": link, "key_id": "key_1"}
+    ]
+
+
+def test_tenants_change_only_where_they_are_named(panoloc: Panoloc, fake: FakeService) -> None:
+    panoloc("maps", "share", "map_1", "--qr", "--with", "museum")
+    assert [request[0] for request in fake.requests] == ["PATCH", "POST"]
+    fake.requests.clear()
+    fake.at_maps = {"map_1": UNKNOWN}
+    assert panoloc("maps", "share", "map_1", "--qr", "--with", "museum").code == ExitCode.ERROR
+    assert [request[0] for request in fake.requests] == ["PATCH"]
+
+
 ERROR = {"detail": "scan: expected 100 vertices, got 40"}
 
 

@@ -20,16 +20,20 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "console").mkdir(parents=True)
     (folder / "index.html").write_text("<!doctype html><script src=./console/index-1a2b.js></script>")
     (folder / "console" / "index-1a2b.js").write_text("void 0")
+    (folder / "m").mkdir()
+    (folder / "m" / "index.html").write_text("<!doctype html><script src=../console/phone-1a2b.js></script>")
     (folder / ".sources").write_text("0123")
     monkeypatch.setattr(pages, "BUILT", folder)
     return folder
 
 
+@pytest.mark.parametrize(("path", "script"), [("/", "index-1a2b"), ("/m/map_any", "phone-1a2b")])
 async def test_scripts_come_from_the_service_alone_and_no_page_frames_the_console(
-    running: RunningService, built: Path
+    running: RunningService, built: Path, path: str, script: str
 ) -> None:
-    reply = await running.client.get("/")
+    reply = await running.client.get(path)
     assert (reply.status_code, reply.headers["content-type"]) == (200, "text/html; charset=utf-8")
+    assert script in reply.text
     policy = dict(part.strip().split(" ", 1) for part in reply.headers["content-security-policy"].split(";"))
     assert policy["default-src"] == "'none'"
     assert policy["script-src"] == policy["style-src"] == "'self'"
@@ -68,7 +72,7 @@ async def test_without_a_console_the_page_says_how_to_build_it(
 
 @pytest.mark.settings(api_keys="the-reader:read")
 async def test_the_console_asks_for_no_key_and_browsers_keep_its_scripts(running: RunningService, built: Path) -> None:
-    assert await running.status("GET", "/") == 200
+    assert [await running.status("GET", path) for path in ("/", "/m/map_any")] == [200, 200]
     script = await running.client.get("/console/index-1a2b.js")
     assert (script.text, script.headers["content-type"]) == ("void 0", "text/javascript; charset=utf-8")
     assert "immutable" in script.headers["cache-control"]

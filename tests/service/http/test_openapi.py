@@ -32,6 +32,7 @@ CONTRACT = {
     "/maps/{map_id}/preview.png": {"get"},
     "/maps/{map_id}/points": {"get"},
     "/maps/{map_id}/starts": {"get"},
+    "/maps/{map_id}/links": {"post"},
     "/localize": {"post"},
     "/localizations/{localization_id}": {"get", "delete"},
     "/localizations/{localization_id}/score-map-2d.png": {"get"},

@@ -29,8 +29,8 @@ export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T>
   return (await request(path, { signal: signal ?? null })).json() as Promise<T>;
 }
 
-export async function patchJson<T>(path: string, body: unknown): Promise<T> {
-  const init = { method: "PATCH", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } };
+export async function sendJson<T>(method: "PATCH" | "POST", path: string, body: unknown): Promise<T> {
+  const init = { method, body: JSON.stringify(body), headers: { "Content-Type": "application/json" } };
   return (await request(path, init)).json() as Promise<T>;
 }
 
@@ -43,7 +43,7 @@ export async function getBlob(path: string, signal?: AbortSignal): Promise<Blob>
   return (await request(path, { signal: signal ?? null })).blob();
 }
 
-/** Return a path relative to the page, which may be served under a prefix. */
+/** Return a path relative to the page, which may be served under a prefix, and says where the root of the service is. */
 export function relative(path: string): string {
-  return `.${path}`;
+  return `${document.documentElement.dataset["root"] ?? "."}${path}`;
 }

@@ -1,0 +1,151 @@
+/** From the first picture to a place: one is asked about at once, and together with others where it is not enough. */
+
+import { RequestError, shown } from "../api/problem.ts";
+import type { Answer, Problem } from "../api/types.ts";
+import type { Upload } from "../api/upload.ts";
+import { acrossLonger, ANY, around, GUESSED_SHARE, GUESSES_DEG, Lenses } from "./lens.ts";
+import { angleBetween, lookOf, type Quaternion } from "./orientation.ts";
+import { askOne, askTogether, standingAt, type TurnedShot } from "./query.ts";
+
+export const MOST_SHOTS = 6;
+/** From one picture to the next: they overlap no more than little. */
+const APART_DEG = 38;
+const SURE = 0.9;
+const EXACT_M = 0.1;
+
+const lenses = new Lenses(localStorage);
+
+export class Finding {
+  shots = $state.raw<TurnedShot[]>([]);
+  isAsking = $state(false);
+  answer = $state.raw<Answer | null>(null);
+  /** The last picture that the answer is about: where the phone is now. */
+  lastShot = $state.raw<TurnedShot | null>(null);
+  problem = $state.raw<Problem | null>(null);
+  private readonly mapId: string;
+  private asked: Upload<Answer> | null = null;
+
+  constructor(mapId: string) {
+    this.mapId = mapId;
+  }
+
+  get isSure(): boolean {
+    return this.answer !== null && isSure(this.answer);
+  }
+
+  /** Whether the last answer is what there is to say: sure, or no picture is to come. */
+  get isOver(): boolean {
+    return this.answer !== null && !this.isAsking && !this.wantsMore;
+  }
+
+  /** Whether the answers so far are not sure, and a picture in another direction can join the others. */
+  get wantsMore(): boolean {
+    return this.answer !== null && !this.isSure && this.canTurn;
+  }
+
+  private get canTurn(): boolean {
+    return this.shots.length < MOST_SHOTS && this.shots.every((shot) => shot.orientation);
+  }
+
+  /** Which picture the last one that the answer is about is, from 1. */
+  get lastNumber(): number {
+    return this.lastShot ? this.shots.indexOf(this.lastShot) + 1 : 0;
+  }
+
+  isNewDirection(orientation: Quaternion): boolean {
+    return this.shots.every((shot) => shot.orientation && angleBetween(lookOf(shot.orientation), lookOf(orientation)) >= APART_DEG);
+  }
+
+  /** Take a picture in, and ask; a picture that the others cannot be joined with replaces them. */
+  async add(shot: TurnedShot): Promise<void> {
+    this.shots = this.canTurn && shot.orientation ? [...this.shots, shot] : [shot];
+    if (this.isAsking) return;
+    this.isAsking = true;
+    this.problem = null;
+    try {
+      let shots: TurnedShot[];
+      do {
+        shots = this.shots;
+        await (shots.length === 1 ? this.askAboutOne(shots[0]!) : this.askAboutAll(shots));
+      } while (this.shots !== shots && !this.isSure);
+    } catch (error) {
+      if (!(error instanceof DOMException && error.name === "AbortError")) this.problem = shown(error);
+    }
+    this.isAsking = false;
+  }
+
+  restart(): void {
+    this.asked?.cancel();
+    this.shots = [];
+    this.answer = this.lastShot = this.problem = null;
+  }
+
+  private async askAboutOne(shot: TurnedShot): Promise<void> {
+    this.answer = await this.askedAlone(shot);
+    this.lastShot = shot;
+  }
+
+  /** Ask about all pictures, and where that finds a place, about the last one there: it is exact, however long an arm is. */
+  private async askAboutAll(shots: TurnedShot[]): Promise<void> {
+    const last = shots.at(-1)!;
+    const known = lenses.known(last.lens);
+    let best: Answer | null = null;
+    for (const hfovDeg of known === null ? GUESSES_DEG : [known]) {
+      const together = await this.answered(askTogether(this.mapId, shots, hfovDeg));
+      if (best === null || rank(together) > rank(best)) best = together;
+      const image = together.images.at(-1);
+      if (rank(together) < SURE || !image?.pose) continue;
+      const range = known === null ? around(acrossLonger(image.camera.hfov_deg, last.width, last.height), GUESSED_SHARE) : lenses.range(last.lens);
+      const exact = this.learnt(last, await this.answered(askOne(this.mapId, last, range, standingAt(image.pose))));
+      if (isSure(exact) && agree(exact, together)) best = exact;
+      break;
+    }
+    this.answer = best;
+    this.lastShot = last;
+  }
+
+  private async askedAlone(shot: TurnedShot): Promise<Answer> {
+    if (shot.image instanceof File) {
+      try {
+        return await this.answered(askOne(this.mapId, shot, null));
+      } catch (error) {
+        if (!(error instanceof RequestError) || error.problem.status !== 422) throw error;
+      }
+    }
+    const answer = this.learnt(shot, await this.answered(askOne(this.mapId, shot, lenses.range(shot.lens))));
+    if (isSure(answer) || lenses.known(shot.lens) === null) return answer;
+    // What was remembered may be what is wrong.
+    const anew = await this.answered(askOne(this.mapId, shot, ANY));
+    if (!isSure(anew)) return answer;
+    lenses.forget(shot.lens);
+    return this.learnt(shot, anew);
+  }
+
+  private async answered(asked: Upload<Answer>): Promise<Answer> {
+    this.asked = asked;
+    return asked.done;
+  }
+
+  /** Remember the field of view that a sure answer found. Of several pictures it may only make up for the length of an arm. */
+  private learnt(shot: TurnedShot, answer: Answer): Answer {
+    const camera = answer.images[0]?.camera;
+    if (isSure(answer) && camera) lenses.learn(shot.lens, acrossLonger(camera.hfov_deg, shot.width, shot.height));
+    return answer;
+  }
+}
+
+/** Whether an answer says exactly enough where somebody stands. Arms of unknown length keep several pictures from that. */
+function isSure(answer: Answer): boolean {
+  return rank(answer) >= SURE && (answer.accuracy?.position_m ?? Infinity) <= EXACT_M;
+}
+
+/** Whether one picture says what several do, as exactly as those can. */
+function agree(exact: Answer, together: Answer): boolean {
+  const [one, last] = [exact.images[0]?.pose, together.images.at(-1)?.pose].map((pose) => pose && standingAt(pose));
+  return one != null && last != null && Math.hypot(one.x - last.x, one.y - last.y) <= (together.accuracy?.position_m ?? 0);
+}
+
+/** Return the confidence in a place, below 0 where there is none. */
+function rank(answer: Answer): number {
+  return answer.status === "localized" ? answer.confidence : answer.confidence - 1;
+}
