@@ -80,9 +80,14 @@ class MapRecord:
         """Tell whether a caller may change it. tenant: None for one that sees all."""
         return tenant is None or self.owner == tenant
 
+    @property
+    def visitors(self) -> str:
+        """Return the tenant of the keys in links to this map, which need not be shared with it."""
+        return f"visitors-{self.id}"
+
     def is_seen_by(self, tenant: str | None) -> bool:
         """Tell whether a caller may know of it."""
-        return self.belongs_to(tenant) or not {tenant, "*"}.isdisjoint(self.shared_with)
+        return self.belongs_to(tenant) or not {tenant, "*"}.isdisjoint([self.visitors, *self.shared_with])
 
     def revision(self, number: int) -> Revision | None:
         """Return a revision by its number, None when its scan is not kept."""

@@ -2,7 +2,6 @@
 
 import asyncio
 import io
-from dataclasses import replace
 
 import segno
 from fastapi import APIRouter, Depends, Request
@@ -36,11 +35,11 @@ async def post_link(request: Request, map_id: str) -> Response:
 
     Where the service requires keys, the link carries a new one for this map alone; `panoloc keys revoke` ends it.
     """
-    own_map(request, map_id)
+    record = own_map(request, map_id)
     given = parse_json(LinkRequest, await read_body(request.stream()), "body")
     url, key_id = f"{str(given.service_url).rstrip('/')}/m/{map_id}", None
     if services_of(request).settings.keys.required:
-        key_id, key = await _new_key(request, map_id)
+        key_id, key = await _new_key(request, record)
         url += f"#key={key}"
     picture = io.BytesIO()
     segno.make_qr(url).save(picture, kind="svg", xmldecl=False, omitsize=True, light="white")
@@ -48,16 +47,9 @@ async def post_link(request: Request, map_id: str) -> Response:
     return JSONResponse(body, headers={"Cache-Control": "no-store"})
 
 
-async def _new_key(request: Request, map_id: str) -> tuple[str, str]:
-    """Make a key of a tenant with whom only this map is shared; return its id and text."""
-    services, tenant = services_of(request), f"visitors-{map_id}"
-
-    def share(record: MapRecord) -> MapRecord:
-        others = [each for each in record.shared_with if each != tenant]
-        return replace(record, shared_with=[*others, tenant])
-
-    await services.registry.change(map_id, share)
-    file = services.settings.keys.file
-    made, text = await asyncio.to_thread(file.make, f"visitors of {map_id}", _SCOPES, tenant)
+async def _new_key(request: Request, record: MapRecord) -> tuple[str, str]:
+    """Make a key of a tenant that sees only this map; return its id and text."""
+    file = services_of(request).settings.keys.file
+    made, text = await asyncio.to_thread(file.make, f"visitors of {record.id}", _SCOPES, record.visitors)
     note_change(request, "key made", made.id)
     return made.id, text
