@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> int:
         "node: of a Ray cluster, killed during 200 queries; campus: one of three, during 50 queries over 300 maps;\n"
         "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers;\n"
         "robot: drives through a flat with odometry that errs (docs/ros2.md);\n"
-        "phones: 20 that look for their place, in a browser; all",
+        "phones: 20 that look for their place, in a browser; walks: a minute each with the npm package's tracker; all",
     )
     parser.add_argument(
         "--cases", type=int, default=10_000, help="damaged scans; half as many images and requests (10,000)"
@@ -57,6 +57,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
     from tests.campaign.phones import phones
     from tests.campaign.robot import robot
     from tests.campaign.running import soak
+    from tests.campaign.walks import walks
 
     return {
         "scans": partial(hostile_scans, given.cases, given.seed),
@@ -72,6 +73,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "crowd": partial(newcomers, given.overload_s),
         "robot": partial(robot, 0),
         "phones": partial(phones, given.phones, given.seed),
+        "walks": partial(walks, given.seed),
         "soak": partial(soak, given.soak_s),
     }
 

@@ -88,7 +88,7 @@ class World:
             self.odom_from_base = self.odom_from_base @ step
             if images:
                 header = SimpleNamespace(stamp=stamp_of(self.time - 0.02), frame_id="optical")
-                self.finder.on_image(SimpleNamespace(header=header, format="jpeg", data=b""))
+                self.finder.on_image(SimpleNamespace(header=header, format="jpeg", data=b"\xff\xd8\xff\xe0"))
             self.finder.on_tf(transform(self.time, "odom", "base_link", self.odom_from_base))
 
     @property

@@ -65,8 +65,8 @@ def test_a_compressed_image_is_sent_as_it_is() -> None:
     "message",
     [
         SimpleNamespace(encoding="bayer_rggb8"),
-        SimpleNamespace(format="16UC1; compressedDepth png"),
-        SimpleNamespace(format="theora"),
+        SimpleNamespace(format="16UC1; compressedDepth png", data=bytes(12) + b"\x89PNG"),
+        SimpleNamespace(format="theora", data=b"Ogg "),
         SimpleNamespace(encoding="rgb8", height=2, width=3, step=9, data=b"0" * 17),
         SimpleNamespace(encoding="rgb8", height=2, width=3, step=8, data=b"0" * 18),
     ],

@@ -39,8 +39,12 @@ class Node:
         self.subscribed: dict[str, tuple[str, Any, Any]] = {}
         self.published: dict[str, list[Any]] = {}
 
-    def declare_parameter(self, name: str, default: Any) -> Any:
+    def declare_parameter(self, name: str, default: Any, described: Any) -> Any:
+        assert described.read_only
         return SimpleNamespace(value=self.given.get(name, default))
+
+    def create_timer(self, period_s: float, callback: Any) -> None:
+        self.timers = [(period_s, callback)]
 
     def create_publisher(self, kind: type, topic: str, quality: Any) -> Any:
         sent = self.published[topic] = []
@@ -60,6 +64,8 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     modules: dict[str, dict[str, Any]] = {
         "rclpy": {},
         "rclpy.executors": {"ExternalShutdownException": type("ExternalShutdownException", (Exception,), {})},
+        "rcl_interfaces": {},
+        "rcl_interfaces.msg": {"ParameterDescriptor": lambda **given: SimpleNamespace(**given)},
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {
             "qos_profile_sensor_data": SENSOR_DATA,
@@ -92,20 +98,38 @@ def test_topics_and_qualities_are_those_of_ros(ros: Any) -> None:
         "/camera/camera_info": ("CameraInfo", SENSOR_DATA),
         "/camera/image_raw/compressed": ("CompressedImage", SENSOR_DATA),
     }
-    assert set(node.published) == {"/tf", "~/pose", "/initialpose"}
+    assert set(node.published) == {"/tf", "~/pose", "initialpose"}
     assert node.name == "panoloc"
 
 
 def test_without_a_map_the_node_says_what_it_needs(ros: Any) -> None:
     Node.given = {}
-    with pytest.raises(ValueError, match=r"-p map:="):
+    with pytest.raises(ValueError, match="expected the id of a map"):
         ros.PlaceFinderNode()
 
 
+def test_inputs_that_never_come_are_named(ros: Any) -> None:
+    node = ros.PlaceFinderNode()
+    ((_, look),) = node.timers
+    look(), look()
+    (said,) = node.logged
+    assert "tf from 'odom' to 'base_link', camera_info;" in said
+    receive = {topic: callback for topic, (_, callback, _) in node.subscribed.items()}
+    receive["camera_info"](camera_info())
+    receive["/tf"](transform(100, "odom", "base_link", planar(0, 0, 0)))
+    look()
+    assert "nothing came yet: image;" in node.logged[-1]
+
+
+def test_whole_numbers_of_files_are_taken_for_fractions(ros: Any) -> None:
+    Node.given |= {"rate_hz": 20, "period_s": 5}
+    assert ros.PlaceFinderNode()._names.rate_hz == 20.0
+
+
 def test_every_parameter_can_be_set(ros: Any) -> None:
-    Node.given = {name: "map_b" if isinstance(default, str) else default for name, default, _ in explained()}
+    Node.given = {name: "http://b" if isinstance(default, str) else default for name, default, _ in explained()}
     names = ros.PlaceFinderNode()._names
-    assert (names.map, names.url, names.base_frame) == ("map_b",) * 3
+    assert (names.map, names.url, names.base_frame) == ("http://b",) * 3
 
 
 def test_an_answer_becomes_a_transform_and_poses(ros: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,7 +150,7 @@ def test_an_answer_becomes_a_transform_and_poses(ros: Any, monkeypatch: pytest.M
     assert [moved.translation.x, moved.translation.y, moved.translation.z] == pytest.approx(flat.position.tolist())
     turn = [getattr(moved.rotation, axis) for axis in "xyzw"]
     assert turn == pytest.approx(flat.xyzw)
-    (initial,) = node.published["/initialpose"]
+    (initial,) = node.published["initialpose"]
     pose = node.published["~/pose"][-1]
     for each in (initial, pose):
         assert each.header.frame_id == "map"

@@ -260,11 +260,52 @@ def test_odometry_that_starts_anew_and_time_that_goes_back_end_what_was_known() 
 def test_what_is_missing_is_said() -> None:
     robot = world(camera_frame="elsewhere")
     robot.drive(seconds=3)
-    assert robot.warnings[0].startswith("no tf from odom to elsewhere")
+    assert robot.warnings[0].startswith("no tf from 'odom' to 'elsewhere'")
     robot = world()
     robot.finder.on_camera_info(None)
     robot.drive(seconds=1)
-    assert robot.warnings == ["no intrinsics yet: waiting for camera_info"]
+    robot.finder.say_what_is_missing()
+    (said,) = robot.warnings
+    assert said.startswith("nothing came yet: camera_info;")
+
+
+def test_a_transform_that_is_none_is_passed_over() -> None:
+    robot = world()
+    for broken in (0.0, math.nan):
+        message = transform(robot.time, "odom", "base_link", planar(0, 0, 0))
+        turn = message.transforms[0].transform.rotation
+        turn.x = turn.y = turn.z = turn.w = broken
+        robot.finder.on_tf(message)
+    robot.drive(seconds=1)
+    assert robot.transforms
+
+
+def test_odometry_that_comes_unevenly_does_not_halve_the_rate() -> None:
+    robot = world(rate_hz=20)
+    robot.drive(seconds=1)
+    stamps, rng = [], np.random.default_rng(0)
+    for number in range(200):
+        stamp = robot.time + 0.05 * (number + 1) + float(rng.uniform(-0.01, 0.01))
+        robot.finder.on_tf(transform(stamp, "odom", "base_link", planar(0, 0, 0)))
+        stamps.append(stamp)
+    after = [stamp for stamp, _, _ in robot.poses if stamp > stamps[0]]
+    assert len(after) > 180
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"map": ""},
+        {"url": "localhost"},
+        {"rate_hz": 0.0},
+        {"period_s": -1.0},
+        {"max_std_m": math.nan},
+        {"min_confidence": 2.0},
+    ],
+)
+def test_parameters_that_cannot_be_meant_are_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(given))):
+        Parameters(**({"map": "map_a"} | given))
 
 
 def test_a_stale_answer_is_held_against_where_the_robot_is_now() -> None:

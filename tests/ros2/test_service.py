@@ -56,8 +56,9 @@ def server() -> Iterator[str]:
 
 def test_the_service_gets_a_form_with_map_options_and_images(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PANOLOC_API_KEY", "secret")
-    Handler.reply = 200, {}, b'{"status": "localized"}'
-    assert localize(server + "/", "map_a", query()) == {"status": "localized"}
+    found = {"status": "localized", "reasons": [], "warnings": [], "map_from_session": None}
+    Handler.reply = 200, {}, json.dumps(found).encode()
+    assert localize(server + "/", "map_a", query()) == found
     ((headers, body),) = Handler.seen
     assert headers["Authorization"] == "Bearer secret"
     form = message_from_bytes(f"Content-Type: {headers['Content-Type']}\r\n\r\n".encode() + body)

@@ -20,16 +20,19 @@ _VARIABLES = {"url": "PANOLOC_URL"}
 
 def ros2(**given: Any) -> None:
     """Run the node until Ctrl-C."""
-    if not given["map"]:
-        raise typer.BadParameter("expected the id of a map; `panoloc maps` lists them", param_hint="--map")
     try:
         from .dds import DdsNode
     except ImportError as error:
         raise typer.BadParameter(
-            f'expected cyclonedds, but {error}: pip install "panoloc[ros2]"', param_hint="ros2"
+            f'expected cyclonedds, but {error}; install it: pip install "panoloc[ros2]", in a clone pip install -e ".[ros2]"',
+            param_hint="ros2",
         ) from error
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    DdsNode(Parameters(**given)).run()
+    try:
+        node = DdsNode(Parameters(**given))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    node.run()
 
 
 def add_to(program: typer.Typer) -> None:

@@ -2,6 +2,8 @@
 
 import logging
 import os
+import re
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +22,9 @@ from .place_finder import PlaceFinder
 from .poses import Pose
 
 NODE = "panoloc"
+_MOST_DOMAIN_ID = 232
+_NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
+_LOOK_EVERY_S = 5.0
 _log = logging.getLogger(NODE)
 
 
@@ -36,12 +41,17 @@ LATCHED = _quality(_RELIABLE, 100, Policy.Durability.TransientLocal)
 
 
 def participant() -> DomainParticipant:
-    """Join the domain that ROS_DOMAIN_ID names."""
-    return DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
+    """Join the domain that ROS_DOMAIN_ID names. Raises ValueError."""
+    given = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (given.isdecimal() and int(given) <= _MOST_DOMAIN_ID):
+        raise ValueError(f"ROS_DOMAIN_ID: expected 0 to {_MOST_DOMAIN_ID}, got {given!r}")
+    return DomainParticipant(int(given))
 
 
 def topic(domain: DomainParticipant, name: str, kind: type[Any]) -> "Topic[Any]":
-    """Return the DDS topic of a topic of ROS."""
+    """Return the DDS topic of a topic of ROS. Raises ValueError for what is no name of one."""
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"expected the name of a topic, such as /camera/image_raw, got {name!r}")
     return Topic(domain, f"rt/{name.lstrip('/')}", kind)
 
 
@@ -75,7 +85,11 @@ class DdsNode:
 
     def run(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Hand messages to the place finder."""
+        looked = time.monotonic()
         while not is_stopped():
+            if time.monotonic() - looked > _LOOK_EVERY_S:
+                looked = time.monotonic()
+                self._finder.say_what_is_missing()
             self._waiting.wait(duration(milliseconds=200))
             # To read an image takes time: one that is not looked at stays unread until the next takes its place.
             taken = [(self._images, self._finder.on_image)] if self._finder.wants_image else []

@@ -13,6 +13,9 @@ CHANNELS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (
 MODELS = {"plumb_bob": "opencv", "rational_polynomial": "opencv", "equidistant": "opencv_fisheye", "": "pinhole"}
 
 
+_HEADS = (b"\xff\xd8", b"\x89PNG")
+
+
 class UnusableError(Exception):
     """A message that cannot be sent; the text says what to change."""
 
@@ -20,8 +23,8 @@ class UnusableError(Exception):
 def check_image(image: Any) -> None:
     """Raise UnusableError for an encoding that cannot be sent."""
     if not hasattr(image, "encoding"):
-        if "compressedDepth" in image.format or not any(kind in image.format for kind in ("jpeg", "jpg", "png")):
-            raise UnusableError(f"expected jpeg or png images, got the format {image.format!r}")
+        if not bytes(image.data[:4]).startswith(_HEADS):
+            raise UnusableError(f"expected jpeg or png images, got others, of the format {image.format!r}")
     elif image.encoding not in CHANNELS:
         raise UnusableError(
             f"expected images in {', '.join(CHANNELS)}, got {image.encoding!r}: let image_proc convert them, or subscribe to "

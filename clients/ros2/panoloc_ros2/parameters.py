@@ -31,6 +31,18 @@ class Parameters:
     odometry_drift: float = _parameter(0.05, "expected error of the odometry, as a share of the way")
     min_confidence: float = _parameter(0.95, "confidence from which one answer is enough at first; else two that agree")
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for values that cannot be meant."""
+        if not self.map:
+            raise ValueError("map: expected the id of a map, got none; `panoloc maps` lists them")
+        if not self.url.startswith(("http://", "https://")):
+            raise ValueError(f"url: expected an address such as http://127.0.0.1:8000, got {self.url!r}")
+        for name in ("rate_hz", "period_s", "distance_m", "max_std_m", "odometry_drift"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}: expected a number above 0, got {getattr(self, name):g}")
+        if not 0 <= self.min_confidence <= 1:
+            raise ValueError(f"min_confidence: expected 0 to 1, got {self.min_confidence:g}")
+
 
 def explained() -> list[tuple[str, Any, str]]:
     """Return name, default and meaning of every parameter."""

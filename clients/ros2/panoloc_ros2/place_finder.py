@@ -50,6 +50,7 @@ class PlaceFinder:
         self._parameters, self._outlet = parameters, outlet
         self._ask = ask or in_background(parameters.url, parameters.map)
         self._transforms, self._info, self._image, self._said = Transforms(parameters.odom_frame), None, None, ""
+        self._has_images = False
         self._asking: tuple[Query, Future[dict[str, Any]]] | None = None
         self._wait_until = 0.0  # of the clock of this machine, which the service's `Retry-After` is about
         self._start_anew()
@@ -87,8 +88,21 @@ class PlaceFinder:
 
     def on_image(self, message: Any) -> None:
         """Keep an Image or CompressedImage until the tf of its time is there."""
+        self._has_images = True
         if self.wants_image:
             self._image = message
+
+    def say_what_is_missing(self) -> None:
+        """Warn of inputs that have never come; to be called every few seconds."""
+        names, missing = self._parameters, []
+        if self._now is None:
+            missing.append(f"tf from {names.odom_frame!r} to {names.base_frame!r}")
+        if self._info is None:
+            missing.append(names.camera_info_topic)
+        if not self._has_images and self._now is not None:  # before, nobody reads them
+            missing.append(names.image_topic)
+        if missing:
+            self._say(f"nothing came yet: {', '.join(missing)}; check names, types, domain and network")
 
     def _measure_travel(self, stamp: float, odom_from_base: Pose) -> None:
         if self._step is None:
@@ -113,7 +127,6 @@ class PlaceFinder:
         if image is None:
             return
         if info is None:
-            self._say(f"no intrinsics yet: waiting for {names.camera_info_topic}")
             return
         stamp, optical = seconds(image.header.stamp), names.camera_frame or image.header.frame_id.lstrip("/")
         odom_from_camera = self._transforms.at(optical, stamp)
@@ -121,7 +134,10 @@ class PlaceFinder:
             if now > stamp + _MAX_WAIT_S:
                 self._image, self._num_missed = None, self._num_missed + 1
             if self._num_missed >= _MANY_MISSED:
-                self._say(f"no tf from {names.odom_frame} to {optical} at the times of the images")
+                self._say(
+                    f"no tf from {names.odom_frame!r} to {optical!r} at the times of the images: where that is not the optical "
+                    "frame, set camera_frame"
+                )
             return
         self._image, self._num_missed, self._looked = None, 0, stamp
         if self._is_turning_fast(stamp) or not (self._is_due(now) or self._frames.is_new(odom_from_camera)):
@@ -210,9 +226,12 @@ class PlaceFinder:
 
     def _publish_if_due(self, now: float, odom_from_base: Pose) -> None:
         # Half a millisecond for stamps that are not quite even.
-        if self._estimate.map_from_odom is None or now - self._published < 1 / self._parameters.rate_hz - 5e-4:
+        period = 1 / self._parameters.rate_hz
+        due = self._published + period
+        if self._estimate.map_from_odom is None or now < due - 5e-4:
             return
-        self._published = now
+        # Counted from when it was due: odometry that comes a little early or late does not halve the rate.
+        self._published = due if now - due < period else now
         self._publish(now, odom_from_base, is_initial=False)
 
     def _publish(self, now: float, odom_from_base: Pose, is_initial: bool) -> None:

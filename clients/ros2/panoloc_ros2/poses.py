@@ -82,6 +82,13 @@ def pose_of(position: Any, quaternion: Any) -> Pose:
     return Pose(rotation, np.array([position.x, position.y, position.z], np.float64))
 
 
+def is_motion(transform: Any) -> bool:
+    """Tell whether a transform of ROS is a motion: all its numbers finite, and a quaternion that is not zero."""
+    turn = [getattr(transform.rotation, axis) for axis in "xyzw"]
+    way = [getattr(transform.translation, axis) for axis in "xyz"]
+    return all(map(math.isfinite, (*turn, *way))) and math.hypot(*turn) > 1e-6
+
+
 def as_json(pose: Pose) -> dict[str, dict[str, float]]:
     """Return the pose as the HTTP API takes it."""
     return {

@@ -20,6 +20,7 @@ from .poses import Pose, as_json
 _TIMEOUT_S = 30.0
 _AWAY_S, _REFUSED_S = 2.0, 30.0  # until the next request
 _PASSING = (409, 429, 503, 504)
+_FIELDS = {"status", "reasons", "warnings", "map_from_session"}
 
 
 class NoAnswerError(Exception):
@@ -71,7 +72,10 @@ def localize(url: str, map_id: str, query: Query) -> dict[str, Any]:
     try:
         request = urllib.request.Request(f"{url.rstrip('/')}/localize", body + f"--{boundary}--\r\n".encode(), headers)
         with urllib.request.urlopen(request, timeout=2 * _TIMEOUT_S) as reply:
-            return dict(json.load(reply))
+            answer = json.load(reply)
+        if not (isinstance(answer, dict) and answer.keys() >= _FIELDS):
+            raise NoAnswerError(f"expected a panoloc service at {url}, got other answers", _REFUSED_S)
+        return answer
     except urllib.error.HTTPError as error:
         with error:
             raise _refused(error) from error
@@ -91,8 +95,10 @@ def in_background(url: str, map_id: str) -> Ask:
         def work() -> None:
             try:
                 future.set_result(localize(url, map_id, query))
-            except Exception as error:
+            except NoAnswerError as error:
                 future.set_exception(error)
+            except Exception as error:  # of one query; the robot drives on
+                future.set_exception(NoAnswerError(f"the query failed: {error!r}", _REFUSED_S))
 
         Thread(target=work, daemon=True).start()
         return future

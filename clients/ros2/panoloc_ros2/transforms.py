@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
-from .poses import Pose, pose_of
+from .poses import Pose, is_motion, pose_of
 
 KEPT_S = 10.0
 _BACK_IN_TIME_S = 1.0  # less is the disorder of several publishers
@@ -50,7 +50,7 @@ class Transforms:
         for each in message.transforms:
             parent, stamp = each.header.frame_id.lstrip("/"), seconds(each.header.stamp)
             child = each.child_frame_id.lstrip("/")
-            if child == self._root:
+            if child == self._root or not is_motion(each.transform):
                 continue
             edge = self._edges.get(child)
             if edge is None or edge.parent != parent or edge.is_static != is_static:
