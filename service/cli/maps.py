@@ -77,18 +77,24 @@ def share(
         bool,
         typer.Option("--qr", help="Make a link and a QR code for phones. Tenants change only together with --with."),
     ] = False,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", help="With --qr: the address under which phones reach the service; default: --url."
+        ),
+    ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
     """Share the maps with exactly these tenants; without --with, with nobody.
 
     These tenants can view the maps and localize in them. Only the owner can change a map. With --qr people share them by a
-    link, under the URL of the service: name one that phones reach.
+    link, which names the address under which phones reach the service.
     """
     session = Session.of(ctx, json)
 
     def link_one(client: JsonClient, map_id: str) -> None:
-        link = client.make_link(map_id)
+        link = client.make_link(map_id, at)
         session.show({"id": map_id, "url": link["url"], "key_id": link["key_id"]}, link["url"])
         if not json:
             session.results.print(_qr_code(link["url"]))
@@ -118,7 +124,7 @@ def _link_notes(link: JsonObject) -> str:
         notes.append(f"Whoever has the link can localize in this map until `panoloc keys revoke {link['key_id']}`.")
     address = urlsplit(link["url"])
     if is_loopback(address.hostname or ""):
-        notes.append("Only this machine reaches that address: name one that phones reach with --url.")
+        notes.append("Only this machine reaches that address: name one that phones reach with --at.")
     elif address.scheme != "https":
         notes.append("Phones allow the camera on https:// alone; `panoloc certificate` makes a certificate.")
     return "\n".join(notes)

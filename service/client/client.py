@@ -111,9 +111,11 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         """Change fields of a map (`name`, `tags`, `shared_with`, …) and return it."""
         return self._map(json_object(self._checked("PATCH", f"/maps/{map_id}", json=dict(changes))))
 
-    def make_link(self, map_id: str) -> JsonObject:
-        """Make a link with which phones that reach the service as this client does open a map; see `POST /maps/{id}/links`."""
-        return json_object(self._checked("POST", f"/maps/{map_id}/links", json={"service_url": self.url}))
+    def make_link(self, map_id: str, service_url: str | None = None) -> JsonObject:
+        """Make a link with which phones open a map; see `POST /maps/{id}/links`. service_url: how they reach the service, None: as this
+        client does."""
+        address = {"service_url": service_url or self.url}
+        return json_object(self._checked("POST", f"/maps/{map_id}/links", json=address))
 
     def delete_map(self, map_id: str) -> None:
         """Delete a map with its scan and its index."""

@@ -56,7 +56,7 @@ def server() -> Iterator[str]:
 
 def test_the_service_gets_a_form_with_map_options_and_images(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PANOLOC_API_KEY", "secret")
-    found = {"status": "localized", "reasons": [], "warnings": [], "map_from_session": None}
+    found: dict[str, Any] = {"status": "localized", "reasons": [], "warnings": [], "map_from_session": None}
     Handler.reply = 200, {}, json.dumps(found).encode()
     assert localize(server + "/", "map_a", query()) == found
     ((headers, body),) = Handler.seen

@@ -26,6 +26,8 @@ export class Panoloc {
 
   /** key: of the service, if it asks for one. */
   constructor(url: string, { key, retries = 4 }: { key?: string | undefined; retries?: number } = {}) {
+    if (!/^https?:\/\/[^/]/.test(url)) throw new TypeError(`expected the address of a service, such as http://127.0.0.1:8000, got ${JSON.stringify(url)}`);
+    if (key && !/^[!-~]+$/.test(key)) throw new TypeError("expected a key of ASCII letters, digits and punctuation, got other characters in it");
     this.#access = { url: url.replace(/\/+$/, ""), key, retries };
     this.maps = new Maps(this.#access);
     this.batches = new Batches(this.#access);
@@ -40,7 +42,7 @@ export class Panoloc {
 
   /** Delete an answer and its pictures. */
   async deleteLocalization(id: string, sending?: Sending): Promise<void> {
-    await request(this.#access, "DELETE", `/localizations/${encodeURIComponent(id)}`, undefined, sending);
+    await request(this.#access, "DELETE", `/localizations/${part(id)}`, undefined, sending);
   }
 
   /** Return what an answer links to, such as `answer.artifacts.overlay`. */
@@ -65,7 +67,7 @@ class Maps {
   }
 
   async get(id: string, sending?: Sending): Promise<ScanMap> {
-    return (await request(this.#access, "GET", `/maps/${encodeURIComponent(id)}`, undefined, sending)).json() as Promise<ScanMap>;
+    return (await request(this.#access, "GET", `/maps/${part(id)}`, undefined, sending)).json() as Promise<ScanMap>;
   }
 
   /** Return the map once it is `ready` or `failed`. */
@@ -86,7 +88,7 @@ class Maps {
   }
 
   async delete(id: string, sending?: Sending): Promise<void> {
-    await request(this.#access, "DELETE", `/maps/${encodeURIComponent(id)}`, undefined, sending);
+    await request(this.#access, "DELETE", `/maps/${part(id)}`, undefined, sending);
   }
 }
 
@@ -105,7 +107,7 @@ class Batches {
   /** Return a batch with one page of its items. */
   async get(id: string, cursor?: string, sending?: Sending): Promise<Batch> {
     const query = new URLSearchParams(cursor ? { cursor } : {});
-    return (await request(this.#access, "GET", `/batches/${encodeURIComponent(id)}?${query}`, undefined, sending)).json() as Promise<Batch>;
+    return (await request(this.#access, "GET", `/batches/${part(id)}?${query}`, undefined, sending)).json() as Promise<Batch>;
   }
 
   /** Return the batch once it is `done`. */
@@ -116,17 +118,26 @@ class Batches {
   /** Return a zip with the photos placed so far. format: such as `colmap` or `potree`. */
   async export(id: string, format: string, more: Record<string, string> = {}, sending?: Sending): Promise<Blob> {
     const query = new URLSearchParams({ format, ...more });
-    return (await request(this.#access, "GET", `/batches/${encodeURIComponent(id)}/export?${query}`, undefined, sending)).blob();
+    return (await request(this.#access, "GET", `/batches/${part(id)}/export?${query}`, undefined, sending)).blob();
   }
 
   async delete(id: string, sending?: Sending): Promise<void> {
-    await request(this.#access, "DELETE", `/batches/${encodeURIComponent(id)}`, undefined, sending);
+    await request(this.#access, "DELETE", `/batches/${part(id)}`, undefined, sending);
   }
+}
+
+/** Return an id as part of a path. */
+function part(id: string): string {
+  if (!id) throw new TypeError("expected an id, got none");
+  return encodeURIComponent(id);
 }
 
 function formOf(images: Blob | readonly Blob[], { maps = [], tag }: Place, options: object | undefined): FormData {
   const form = new FormData();
-  for (const image of images instanceof Blob ? [images] : images) form.append("image", image);
+  for (const image of images instanceof Blob ? [images] : images) {
+    if (!(image instanceof Blob)) throw new TypeError("expected images as Blobs (in Node: openAsBlob of node:fs), got something else");
+    form.append("image", image);
+  }
   for (const id of typeof maps === "string" ? [maps] : maps) form.append("map_id", id);
   if (tag) form.append("tag", tag);
   if (options) form.append("options", JSON.stringify(options));

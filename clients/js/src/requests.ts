@@ -11,6 +11,8 @@ export class PanolocError extends Error {
   readonly title: string;
   readonly detail: string;
   readonly requestId: string | null;
+  /** Which fields of the request were refused, and why. */
+  readonly fields: NonNullable<ProblemDocument["fields"]>;
 
   constructor(said: Partial<ProblemDocument> & { status: number; detail: string }) {
     super(said.detail);
@@ -19,6 +21,7 @@ export class PanolocError extends Error {
     this.title = said.title ?? "The request failed";
     this.detail = said.detail;
     this.requestId = said.request_id ?? null;
+    this.fields = said.fields ?? [];
   }
 }
 
@@ -66,7 +69,7 @@ export async function request(
       signal?.throwIfAborted();
       if (error instanceof PanolocError) throw error;
       // fetch says TypeError for whatever happens to a connection.
-      if (numTries > retries) throw new PanolocError({ status: 0, type: "unreachable", detail: `No answer from ${url}: ${String(error)}` });
+      if (numTries > retries) throw new PanolocError({ status: 0, type: "unreachable", detail: `No answer from ${url}: ${reasonOf(error)}` });
       await wait(pause_s, signal);
     }
   }
@@ -80,6 +83,12 @@ export function wait(seconds: number, signal?: AbortSignal): Promise<void> {
     if (signal?.aborted) stop();
     signal?.addEventListener("abort", stop, { once: true });
   });
+}
+
+/** Node tells why a connection failed in the cause alone. */
+function reasonOf(error: unknown): string {
+  const cause = error instanceof Error ? error.cause : undefined;
+  return cause instanceof Error ? `${String(error)} (${cause.message || String((cause as { code?: string }).code)})` : String(error);
 }
 
 // crypto.randomUUID exists on secure pages alone.

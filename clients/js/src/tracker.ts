@@ -68,6 +68,7 @@ const LEAST_PAUSE_S = 1;
 const LONGEST_PAUSE_S = 30;
 const LONGEST_QUERY_S = 30;
 const BLEND_S = 0.4;
+const LONGEST_LOSS_S = 3;
 /** The map is lost when its place is less sure than this. */
 const LOST_M = 0.5;
 const LOST_RAD = 0.35;
@@ -111,8 +112,12 @@ export class Tracker {
 
   /** Call in every frame of the session with the pose of the camera in it, or with null while that is not tracked. */
   update(sessionFromCamera: Motion | null): void {
-    if (this.#isStopped || !sessionFromCamera) return;
+    if (this.#isStopped) return;
     const time_s = this.#now();
+    if (!sessionFromCamera) {
+      if (this.#estimate && time_s - this.#walk.seen_s > LONGEST_LOSS_S) this.#lose();
+      return;
+    }
     const step = this.#walk.update(time_s, sessionFromCamera);
     if (step.jumped) this.#forget();
     if (this.#estimate) {
@@ -167,12 +172,21 @@ export class Tracker {
       const { step_m, turn_rad } = difference(worldFromCamera, frame.worldFromCamera);
       return length(step_m) > NEW_STEP_M || length(turn_rad) > NEW_TURN_RAD;
     });
-    const taken = isNew ? this.#settings.capture() : null;
+    const taken = isNew ? this.#captured() : null;
     if (!taken) return;
     // A picture that cannot be made is told when it is sent.
     if (taken.image instanceof Promise) taken.image.catch(() => undefined);
     const seen = compose(worldFromSession, taken.camera.session_from_camera);
     this.#frames = [...this.#frames, { ...taken, worldFromCamera: seen, walked_m, time_s }].slice(-MOST_FRAMES);
+  }
+
+  #captured(): Frame | null {
+    try {
+      return this.#settings.capture();
+    } catch (error) {
+      this.#emit("error", error);
+      return null;
+    }
   }
 
   #isTimeToAsk(time_s: number): boolean {

@@ -41,6 +41,11 @@ export class Walk {
     return compose(this.worldFromSession, this.#last?.sessionFromCamera ?? IDENTITY);
   }
 
+  /** When the camera was tracked last. */
+  get seen_s(): number {
+    return this.#last?.time_s ?? -Infinity;
+  }
+
   /** The session's origin jumps with the next pose. */
   reset(): void {
     this.#isReset = true;

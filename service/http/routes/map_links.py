@@ -47,6 +47,15 @@ async def post_link(request: Request, map_id: str) -> Response:
     return JSONResponse(body, headers={"Cache-Control": "no-store"})
 
 
+async def end_links(request: Request, record: MapRecord) -> None:
+    """Revoke the keys of all links to a map."""
+    file = services_of(request).settings.keys.file
+    for key in await asyncio.to_thread(file.read):
+        if key.tenant == record.visitors and key.revoked_at is None:
+            await asyncio.to_thread(file.revoke, key.id)
+            note_change(request, "key revoked", key.id)
+
+
 async def _new_key(request: Request, record: MapRecord) -> tuple[str, str]:
     """Make a key of a tenant that sees only this map; return its id and text."""
     file = services_of(request).settings.keys.file

@@ -12,6 +12,7 @@ from starlette.responses import JSONResponse, Response
 from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
 from panoloc.service.http.access import caller_of, maps_seen, note_change, own_map, require
 from panoloc.service.http.openapi import json_body, json_response, nothing_left
+from panoloc.service.http.routes.map_links import end_links
 from panoloc.service.http.schemas.examples import MAP_EXAMPLE
 from panoloc.service.http.schemas.maps import Map, MapPage, MapPatch
 from panoloc.service.http.uploads import read_body
@@ -98,7 +99,7 @@ async def patch_map(
 async def delete_map(request: Request, map_id: str) -> Response:
     """Delete a map and cancel its running registration. This cannot be undone."""
     services = services_of(request)
-    own_map(request, map_id)
+    record = own_map(request, map_id)
     # Without Redis its entries would stay: nothing is deleted then, and the caller tries again.
     await services.cache.check()
     await services.registry.remove(map_id)
@@ -107,6 +108,7 @@ async def delete_map(request: Request, map_id: str) -> Response:
     await services.registrations.cancel(map_id)
     await asyncio.shield(services.cache.forget_map(map_id))
     await asyncio.shield(services.changes.forget(map_id))
+    await asyncio.shield(end_links(request, record))
     return Response(status_code=204)
 
 

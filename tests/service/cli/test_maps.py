@@ -129,22 +129,22 @@ def test_maps_are_shared_with_those_that_are_named_and_no_others(panoloc: Panolo
     [
         ("https://scanner.local:8000", None),
         ("http://scanner.local:8000", "https:// alone"),
-        ("http://127.0.0.1:8000", "with --url"),
+        ("http://127.0.0.1:8000", "with --at"),
     ],
 )
 def test_a_link_for_phones_is_printed_with_its_code(
     panoloc: Panoloc, fake: FakeService, url: str, note: str | None
 ) -> None:
-    done = panoloc("maps", "share", "map_1", "--qr", "--url", url)
+    done = panoloc("maps", "share", "map_1", "--qr", "--at", url)
     link = f"{url}/m/map_1#key=pk_1"
     assert (done.code, done.out.splitlines()[0]) == (0, link)
     assert "\u2580" in done.out
     assert "panoloc keys revoke key_1" in done.err
-    assert [each in done.err for each in ("https:// alone", "with --url")] == [
-        each == note for each in ("https:// alone", "with --url")
+    assert [each in done.err for each in ("https:// alone", "with --at")] == [
+        each == note for each in ("https:// alone", "with --at")
     ]
     assert [request[0] for request in fake.requests] == ["POST"]
-    assert panoloc("maps", "share", "map_1", "--qr", "--url", url, "--json").documents == [
+    assert panoloc("maps", "share", "map_1", "--qr", "--at", url, "--json").documents == [
         {"id": "map_1", "url": link, "key_id": "key_1"}
     ]
 

@@ -54,5 +54,7 @@ async def test_the_key_of_a_link_localizes_in_that_map_and_does_nothing_else(tmp
         assert await visitor.status("DELETE", f"/maps/{map_id}") == 403
         assert await visitor.status("POST", f"/maps/{map_id}/links", json=REQUEST) == 403
         assert await museum.status("POST", "/maps/map_never/links", json=REQUEST) == 404
+        await museum.client.delete(f"/maps/{map_id}")
+        assert all(stored.revoked_at for stored in KeyFile(tmp_path).read() if stored.tenant == f"visitors-{map_id}")
         lines = [json.loads(line) for line in (running.data_dir / "audit.jsonl").read_text().splitlines()]
         assert [line["what"] for line in lines if line["change"] == "key made"] == [each["key_id"] for each in links]

@@ -15,7 +15,7 @@ const ADVICE: Partial<Record<Reason, string>> = {
   places_look_alike: "Go to where these places differ, such as a door or a corner, and look again.",
   turn_more: "Turn towards furniture, doors or pictures. Blank walls, floors and ceilings do not help.",
 };
-const ALWAYS = "Turn on more light, and step away from the wall.";
+const ALWAYS = "More light helps, and a step away from the wall.";
 const SIDES = ["straight ahead", "ahead to the left", "to your left", "behind you to the left", "behind you", "behind you to the right", "to your right", "ahead to the right"];
 
 /** Return what may help where there is no sure place. */
@@ -39,5 +39,7 @@ export function linkWords(problem: Problem, hasKey: boolean): { title: string; w
   if (problem.status === 401) return { title: "The key of this link has ended", what: again };
   if (problem.status === 403) return { title: "The key of this link is not for phones", what: again };
   if (problem.status === 404) return { title: "There is no such map", what: `It was deleted, or the link is for another service. ${again}` };
+  if (problem.status === 0 || problem.status >= 500 || problem.status === 429)
+    return { title: "The service does not answer", what: "It is away or busy. Wait a minute, and look again." };
   return { title: problem.title, what: problem.detail };
 }

@@ -7,6 +7,9 @@ import type { PointChunk } from "../scene/point_decoder.ts";
 const SHOWN_HEIGHT = 0.82;
 const LONGER_SIDE_PX = 420;
 const MARGIN = 0.03;
+/** Holes that are closed: empty pixels so many of whose neighbours are not, so often over. An edge has three, an inner corner five. */
+const CLOSING_NEIGHBOURS = 5;
+const CLOSING_PASSES = 4;
 const SPREAD = [-1, 0, 1].flatMap((dx) => [-1, 0, 1].map((dy) => [dx, dy] as const));
 
 /** Where the plan lies: metres in the map's own frame, x to the right, y up. */
@@ -51,5 +54,25 @@ export function paintPlan(canvas: HTMLCanvasElement, chunks: PointChunk[], origi
       }
     }
   }
+  closeHoles(pixels, width, height);
   context.putImageData(picture, 0, 0);
+}
+
+/** Give small gaps between points the mean colour around them: floors have few points for their size. pixels: 0 where empty. */
+export function closeHoles(pixels: Uint32Array, width: number, height: number): void {
+  for (let pass = 0; pass < CLOSING_PASSES; pass += 1) {
+    const before = pixels.slice();
+    for (let row = 1; row < height - 1; row += 1) {
+      for (let column = 1; column < width - 1; column += 1) {
+        const pixel = row * width + column;
+        if (before[pixel]) continue;
+        const around = SPREAD.map(([dx, dy]) => before[pixel + dy * width + dx]!).filter(Boolean);
+        if (around.length >= CLOSING_NEIGHBOURS) pixels[pixel] = meanColor(around);
+      }
+    }
+  }
+}
+
+function meanColor(colors: number[]): number {
+  return [0, 8, 16, 24].reduce((mean, shift) => mean + Math.round(colors.reduce((sum, color) => sum + ((color >>> shift) & 255), 0) / colors.length) * 2 ** shift, 0);
 }
