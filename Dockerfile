@@ -25,6 +25,7 @@ COPY requirements/console.txt ./requirements/
 COPY scripts/build-console ./scripts/
 RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf python3 -m venv .venv \
     && .venv/bin/pip install --no-cache-dir --require-hashes --no-deps -r requirements/console.txt
+COPY clients/js/src ./clients/js/src
 COPY service/console ./service/console
 RUN --mount=type=secret,id=npm_config,target=/root/.npmrc scripts/build-console
 

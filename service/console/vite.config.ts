@@ -10,5 +10,8 @@ export default defineConfig({
     // Phones load a page of their own, without what draws in 3D.
     rolldownOptions: { input: { index: "index.html", phone: "m/index.html" } },
   },
-  server: { proxy: Object.fromEntries(["/maps", "/localize", "/localizations", "/batches", "/health", "/metrics", "/demo"].map((path) => [path, "http://127.0.0.1:8000"])) },
+  server: {
+    fs: { allow: [".", "../../clients/js/src"] },
+    proxy: Object.fromEntries(["/maps", "/localize", "/localizations", "/batches", "/health", "/metrics", "/demo"].map((path) => [path, "http://127.0.0.1:8000"])),
+  },
 });

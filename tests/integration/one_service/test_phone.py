@@ -1,11 +1,13 @@
 """The page for phones, in a browser with a camera and sensors: from the link to the place, and what it says where there is none."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+from tests.integration.ar_phone import ArPhone, ar_phone_at
 from tests.integration.console_page import serious_faults
 from tests.integration.phone import Hand, phone_at
 from tests.integration.running_service import RunningService
@@ -21,6 +23,7 @@ UNSURE = Hand(room_scene(), np.array([1.07, 0.26, 1.37]), yaw_deg=260.0, pitch_d
 def test_one_picture_says_where_somebody_stands_and_the_page_leads_on(service: RunningService, map_id: str) -> None:
     with phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
         expect(phone.page.get_by_role("button", name="Find where I am")).to_be_visible()
+        assert phone.page.get_by_role("button", name="Look around with AR").count() == 0
         assert serious_faults(phone.page) == []
         found = phone.find(SURE)
         assert (found.title, found.num_shots) == ("You are here", 1)
@@ -55,3 +58,63 @@ def test_a_map_that_is_not_there_is_said_to_be_so(service: RunningService) -> No
     with phone_at(f"{service.http.base_url}/m/map_never") as phone:
         expect(phone.page.get_by_role("heading", name="There is no such map")).to_be_visible()
         assert serious_faults(phone.page) == []
+
+
+def start_ar(phone: ArPhone) -> None:
+    """Start AR, and turn until the page says that it found the place."""
+    phone.page.get_by_role("button", name="Look around with AR").click()
+    expect(phone.page.get_by_text("Looking for this place")).to_be_visible()
+    assert phone.page.get_by_role("button", name="Leave a note here").count() == 0
+    found = phone.page.get_by_text("Found. Notes stay")
+    for turned_deg in range(0, 270, 45):
+        if not found.is_visible():
+            phone.hold(SURE, turned_deg)
+            phone.page.wait_for_timeout(350)  # longer than the tracker's pause between frames
+    expect(found).to_be_visible()
+
+
+def test_a_note_that_was_left_with_ar_is_at_its_place_after_a_reload(service: RunningService, map_id: str) -> None:
+    with ar_phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
+        page = phone.page
+        note = page.locator("p", has_text="The key is here")
+        start_ar(phone)
+        phone.hold(SURE, 0.0)
+        page.get_by_role("button", name="Leave a note here").click()
+        page.get_by_label("Text of the note").fill("The key is here")
+        assert serious_faults(page) == []
+        page.get_by_role("button", name="Leave it").click()
+        expect(note).to_contain_text(re.compile("100 cm|1.0 m"))
+        left_at = SURE.pose(0.0).position + SURE.pose(0.0).rotation[:, 0]
+        assert serious_faults(page) == []
+        page.evaluate("endSession()")
+        expect(page.get_by_text("AR has ended")).to_be_visible()
+
+        phone.reload()
+        start_ar(phone)
+        elsewhere = replace(SURE, stand=SURE.stand + np.array([0.15, -0.1, 0.05]))
+        phone.hold(elsewhere, 12.0)
+        expect(note).to_be_visible()
+        page.wait_for_timeout(500)  # until corrections are blended
+        camera = elsewhere.pose(12.0)
+        to_note = left_at - camera.position
+        direction = phone.seen_direction(note, camera)
+        shown_m = np.linalg.norm(to_note - (to_note @ direction) * direction)
+        kept = page.evaluate(
+            "JSON.parse(Object.entries(localStorage).find(([name]) => name.startsWith('panoloc-notes'))[1])"
+        )
+        kept_m = np.linalg.norm(np.array([kept[0]["position_m"][axis] for axis in "xyz"]) - left_at)
+        print(f"kept {kept_m:.3f} m and shown {shown_m:.3f} m from where it was left")
+        assert max(kept_m, shown_m) < 0.05
+
+        page.get_by_text("1 note in this room").click()
+        page.get_by_role("button", name="Delete the note").click()
+        expect(note).to_have_count(0)
+
+
+def test_who_refuses_ar_reads_what_to_do(service: RunningService, map_id: str) -> None:
+    with ar_phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
+        phone.page.evaluate(
+            "() => { navigator.xr.requestSession = async () => { throw new DOMException('', 'NotAllowedError') } }"
+        )
+        phone.page.get_by_role("button", name="Look around with AR").click()
+        expect(phone.page.get_by_role("alert")).to_contain_text("may not use the camera for AR")
