@@ -111,6 +111,20 @@ class Localizer:
             answer = self._for_rig(answer, cameras.rig, result.comparison)
         answer = self._doubts.unless_plain(answer, result.edges_deg)
         answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
+        if answer.status == "not_localized" and hints and hints.prior and result.hypotheses and not result.num_starts:
+            # What speaks against it came up when the search had been left out.
+            anew = replace(hints, prior=None)
+            left_s = None if timeout_s is None else timeout_s - sum(answer.timings_s.values())
+            return self.localize(
+                rig,
+                maps,
+                method=method,
+                hints=anew,
+                top_k=top_k,
+                timeout_s=left_s,
+                prior=prior,
+                is_cancelled=is_cancelled,
+            )
         if answer.status == "not_localized" and not answer.warnings:
             answer = replace(answer, warnings=why_nothing_fits(rig, hints))
         if answer.status == "ambiguous":

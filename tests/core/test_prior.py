@@ -8,11 +8,13 @@ import pytest
 import torch
 
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.verdict import Doubts
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import Frame, Hints, PosePrior
 from panoloc.core.query.rounds import poses_of_prior
+from panoloc.core.results import Localization
 from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, answer, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known
 from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, session_of
@@ -40,6 +42,18 @@ def test_where_a_prior_holds_nothing_is_searched(frame: Frame) -> None:
     # Less sure than after a search: nobody has looked elsewhere.
     assert best_of(found).confidence <= best_of(answer()).confidence
     assert known(found.evidence).features["margin"] == 0.3
+
+
+def test_where_an_answer_from_a_prior_is_refused_after_all_everything_is_searched(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(doubts: Doubts, found: Localization, edges_deg: float | None) -> Localization:
+        return found if found.search.num_starts else replace(found, status="not_localized")
+
+    monkeypatch.setattr(Doubts, "unless_plain", refuse)
+    found = localized(panorama(), hints=expected(POSE))
+    assert found.status == "localized"
+    assert found.search.num_starts > 0
 
 
 @pytest.mark.slow

@@ -1225,7 +1225,7 @@ export interface components {
             /**
              * Service Url
              * Format: uri
-             * @description Address under which phones reach the service.
+             * @description Address under which phones reach the service, without query or credentials.
              */
             service_url: string;
         };

@@ -84,6 +84,8 @@ export class Tracker {
   #blend: Blend | null = null;
   #query: AbortController | null = null;
   #isUrgent = false;
+  /** The origin has jumped, and no answer has said since where the map is. */
+  #hasJumped = false;
   #isStopped = false;
   #numErrors = 0;
   #asked = { time_s: -Infinity, walked_m: -Infinity };
@@ -104,6 +106,11 @@ export class Tracker {
     return this.#estimate && compose(this.#shown(this.#estimate), this.#walk.worldFromSession);
   }
 
+  /** Whether the next answer may move the map far: the session's origin has jumped, or an answer has contradicted what is known. */
+  get isDoubted(): boolean {
+    return this.#hasJumped || this.#doubted !== null;
+  }
+
   /** Where the map lies in the session: content of the map is to be drawn there. */
   get sessionFromMap(): Motion | null {
     const found = this.mapFromSession;
@@ -119,7 +126,10 @@ export class Tracker {
       return;
     }
     const step = this.#walk.update(time_s, sessionFromCamera);
-    if (step.jumped) this.#forget();
+    if (step.jumped) {
+      this.#hasJumped = true;
+      this.#forget();
+    }
     if (this.#estimate) {
       this.#estimate = loosened(this.#estimate, step.step_m, step.turn_rad);
       if (step.step_m > 0) this.#isUrgent = true;
@@ -269,6 +279,7 @@ export class Tracker {
     }
     this.#estimate = estimate;
     this.#doubted = null;
+    this.#hasJumped = false;
   }
 
   /** Return what is seen now of an estimate. */

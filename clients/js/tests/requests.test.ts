@@ -71,7 +71,7 @@ test("it gives up after as many tries as it was told", async () => {
   replies = [busy, busy, answer];
   await assert.rejects(localize(new Panoloc(url, { retries: 1 })), { status: 429, title: "Busy" });
   replies = [hangUp];
-  await assert.rejects(localize(new Panoloc(url, { retries: 0 })), { status: 0, type: "unreachable" });
+  await assert.rejects(localize(new Panoloc(url, { retries: 0 })), { status: 0, type: "unreachable", message: /fetch failed \(.+\)$/ });
 });
 
 test("a signal ends a request and a wait with its reason", async () => {
@@ -124,4 +124,13 @@ test("where the browser tells how much has left, so does the client", async () =
   } finally {
     Reflect.deleteProperty(globalThis, "XMLHttpRequest");
   }
+});
+
+test("what cannot be meant is refused at once, without a request", async () => {
+  for (const url of ["", "127.0.0.1:8000", "nonsense", "ftp://a"]) assert.throws(() => new Panoloc(url), /expected the address/);
+  assert.throws(() => new Panoloc("http://a", { key: "a\nb" }), /expected a key/);
+  const service = new Panoloc("http://127.0.0.1:9");
+  await assert.rejects(service.maps.get(""), /expected an id/);
+  await assert.rejects(service.maps.wait(""), /expected an id/);
+  await assert.rejects(service.localize("photo.jpg" as never, { maps: "map_1" }), /expected images as Blobs/);
 });

@@ -162,7 +162,9 @@ test("when the session's origin jumps, the map stays where it is for the user, a
     const under = walk.queries.pop();
     walk.origin = motion(4, -3, 2);
     if (isTold) walk.tracker.reset();
+    assert.equal(walk.tracker.isDoubted, false);
     await walk.go(0.1);
+    assert.equal(walk.tracker.isDoubted, true);
     assert.ok(walk.error_m < 0.05, String(walk.error_m));
     assert.ok(!under || under.signal?.aborted);
     await walk.go(1);
@@ -184,6 +186,26 @@ test("a jump after a time without tracking loses the map, until an answer finds 
   walk.queries.pop()!.give(localized(TRUTH));
   await setImmediate();
   assert.deepEqual(walk.events, ["located", "lost", "located"]);
+});
+
+test("the map is lost while there is no tracking, and not only when there is again", async () => {
+  const walk = new Walk();
+  await walk.answer(localized(TRUTH));
+  walk.time_s += 2;
+  walk.tracker.update(null);
+  assert.deepEqual(walk.events, ["located"]);
+  walk.time_s += 2;
+  walk.tracker.update(null);
+  walk.tracker.update(null);
+  assert.deepEqual(walk.events, ["located", "lost"]);
+});
+
+test("a camera that fails is told as an error, and the tracker goes on", async () => {
+  const errors: unknown[] = [];
+  const tracker = new Tracker({ service: { localize: () => Promise.reject(new Error("never")) }, mapId: "map_1", now: () => 1, capture: () => { throw new Error("no picture"); } });
+  tracker.on("error", (error) => errors.push(error));
+  tracker.update(IDENTITY);
+  assert.match(String(errors[0]), /no picture/);
 });
 
 test("stopped, it ends the query that is under way, and asks and captures no more", async () => {

@@ -58,7 +58,8 @@ async def end_links(request: Request, record: MapRecord) -> None:
 
 async def _new_key(request: Request, record: MapRecord) -> tuple[str, str]:
     """Make a key of a tenant that sees only this map; return its id and text."""
-    file = services_of(request).settings.keys.file
-    made, text = await asyncio.to_thread(file.make, f"visitors of {record.id}", _SCOPES, record.visitors)
+    keys = services_of(request).settings.keys
+    made, text = await asyncio.to_thread(keys.file.make, f"visitors of {record.id}", _SCOPES, record.visitors)
+    keys.look_again()
     note_change(request, "key made", made.id)
     return made.id, text

@@ -5,7 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, HttpUrl, StringConstraints
+from pydantic import AfterValidator, Field, HttpUrl, StringConstraints, field_validator
 
 from panoloc.core import options
 from panoloc.core.earth.georeference import LONGEST_DEFINITION, coordinate_system
@@ -134,7 +134,18 @@ class MapPatch(PlaceOnEarth):
 class LinkRequest(RequestModel):
     """The body of `POST /maps/{id}/links`."""
 
-    service_url: HttpUrl = Field(description="Address under which phones reach the service.")
+    service_url: HttpUrl = Field(
+        description="Address under which phones reach the service, without query or credentials."
+    )
+
+    @field_validator("service_url")
+    @classmethod
+    def _is_an_address_alone(cls, value: HttpUrl) -> HttpUrl:
+        if value.query or value.fragment or value.username or value.password:
+            raise ValueError(
+                "expected an address alone, such as https://scanner.local:8000, got one with a query, a fragment or credentials"
+            )
+        return value
 
 
 class MapLink(ResponseModel):

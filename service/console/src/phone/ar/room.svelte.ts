@@ -12,8 +12,9 @@ const DISTANCE_M = 1;
 const MIDDLE: Spot = { left: 0.5, top: 0.5 };
 
 export class Room {
-  /** Whether notes can be placed and shown now. */
+  /** Whether notes can be shown now; and left, for which it must be sure where they are. */
   isLocated = $state(false);
+  canLeave = $state(false);
   /** Every note; while it is written, the new one as well. */
   notes = $state.raw<Note[]>([]);
   seen = $state.raw<(Note & Seen)[]>([]);
@@ -50,7 +51,7 @@ export class Room {
 
   /** Begin a note at what the view shows there, a metre away. */
   begin(spot = MIDDLE): void {
-    if (!this.now) return;
+    if (!this.now || !this.canLeave) return;
     const { view, sessionFromMap } = this.now;
     this.draft = ownPoint(transform(inverse(sessionFromMap), pointAt(spot, DISTANCE_M, view)));
   }
@@ -86,6 +87,7 @@ export class Room {
     this.isTracked = view !== undefined;
     this.now = view && sessionFromMap ? { view, sessionFromMap } : null;
     this.isLocated = this.now !== null;
+    this.canLeave = this.isLocated && !tracker.isDoubted;
     const shown = this.draft ? [...this.notes, { id: 0, text: "New note", position_m: this.draft }] : this.notes;
     this.seen = shown.flatMap((note) => {
       const { x, y, z } = note.position_m;
