@@ -26,9 +26,8 @@ export class Panoloc {
 
   /** key: of the service, if it asks for one. */
   constructor(url: string, { key, retries = 4 }: { key?: string | undefined; retries?: number } = {}) {
-    if (!/^https?:\/\/[^/]/.test(url)) throw new TypeError(`expected the address of a service, such as http://127.0.0.1:8000, got ${JSON.stringify(url)}`);
     if (key && !/^[!-~]+$/.test(key)) throw new TypeError("expected a key of ASCII letters, digits and punctuation, got other characters in it");
-    this.#access = { url: url.replace(/\/+$/, ""), key, retries };
+    this.#access = { url: addressOf(url), key, retries };
     this.maps = new Maps(this.#access);
     this.batches = new Batches(this.#access);
   }
@@ -124,6 +123,14 @@ class Batches {
   async delete(id: string, sending?: Sending): Promise<void> {
     await request(this.#access, "DELETE", `/batches/${part(id)}`, undefined, sending);
   }
+}
+
+/** Return an address without slashes at its end; in browsers it may be relative to that of the page. */
+function addressOf(url: string): string {
+  const page = (globalThis as { location?: { href: string } }).location?.href;
+  const address = URL.canParse(url, page) ? new URL(url, page) : null;
+  if (!address?.protocol.startsWith("http")) throw new TypeError(`expected the address of a service, such as http://127.0.0.1:8000, got ${JSON.stringify(url)}`);
+  return (address.origin + address.pathname).replace(/\/+$/, "");
 }
 
 /** Return an id as part of a path. */
