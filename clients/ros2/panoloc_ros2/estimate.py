@@ -1,4 +1,4 @@
-"""Where `odom` lies in `map`, and how sure that is: answers weighed against odometry, and outliers held back."""
+"""Where `odom` lies in `map`, and how sure that is: answers weighed against odometry, and outliers rejected."""
 
 import math
 from dataclasses import dataclass
@@ -106,7 +106,7 @@ class Estimate:
     def take(self, found: Measurement, odom_from_base: Pose, travel: Travel) -> Verdict:
         """Weigh an answer. odom_from_base, travel: of now."""
         current, doubted = self._current, self._doubted
-        # The same view leads to the same error.
+        # From one place, errors are alike.
         is_another = doubted is not None and found.travel.since(doubted.travel).shows_more_than(ANOTHER_VIEW)
         if current is not None and self._agree(current, found, odom_from_base, travel):
             self._current, self._doubted = self._blend(current, found, odom_from_base, travel), None
