@@ -19,7 +19,8 @@ def test_a_robot_gets_its_first_pose_and_stays_right_where_its_odometry_does_not
     faults = Faults(scale=1.1, heading_rad_per_m=0.05)
     driven = drive(room_scene(), seconds=14.0, image_every_s=0.4, faults=faults, width=320)
     variables, log = environment(), tmp_path / "node.log"
-    with running_node(str(service.http.base_url), map_id, log, variables, "--odometry-drift", "0.1"):
+    # A drift of 0.2 allows the heading 0.04 rad per metre, about the fault; with half of that the covariance is too small.
+    with running_node(str(service.http.base_url), map_id, log, variables, "--odometry-drift", "0.2"):
         heard = played(driven, tmp_path, variables, speed=1.0)
     metres, degrees = errors(driven, heard)
     alone_m, alone_deg = errors_of_odometry(driven)
@@ -29,6 +30,5 @@ def test_a_robot_gets_its_first_pose_and_stays_right_where_its_odometry_does_not
     assert np.median(degrees[known]) < 4 < 8 < alone_deg.max(), log.read_text()
     # The covariance that goes with it is honest.
     std_m = np.array(heard["std_m"])
-    # Of a few answers, whose number depends on the machine: 0.87 once on a busy one.
-    assert np.mean(metres[known] < 3 * std_m[known] + 0.02) > 0.7
+    assert np.mean(metres[known] < 3 * std_m[known] + 0.02) > 0.9
     assert heard["initial"]
