@@ -161,5 +161,5 @@ def _prefers_json(accept: str) -> bool:
 
 
 def _caching(ref: MapRef) -> dict[str, str]:
-    # The file behind a revision never changes, but a new revision may serve any moment.
-    return {"ETag": f'"{ref.id}-{ref.revision}"', "Cache-Control": "private, no-cache"}
+    # The file behind a revision never changes, but a new revision may serve any moment. Weak, because it may be sent compressed or not.
+    return {"ETag": f'W/"{ref.id}-{ref.revision}"', "Cache-Control": "private, no-cache"}

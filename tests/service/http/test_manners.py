@@ -21,7 +21,7 @@ async def test_what_the_caller_has_is_not_sent_again(running: RunningService, pa
     map_id = await running.ready_map()
     first = await running.client.get(f"/maps/{map_id}{path}")
     tag = first.headers["ETag"]
-    for known in (tag, f"W/{tag}", f'"other", {tag}', "*"):
+    for known in (tag, tag.removeprefix("W/"), f"W/{tag.removeprefix('W/')}", f'"other", {tag}', "*"):
         again = await running.client.get(f"/maps/{map_id}{path}", headers={"If-None-Match": known})
         assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", tag)
         assert "content-length" not in again.headers
