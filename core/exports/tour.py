@@ -29,7 +29,8 @@ class PlacedPhoto:
     """A photo with its pose.
 
     name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres.
-    width, height: pixels. is_sphere: a full equirectangular panorama. time_unix_s: when it was taken, None where unknown.
+    width, height: pixels. is_sphere: a full equirectangular panorama. camera_model, hfov_deg: as in an answer. time_unix_s: when it
+    was taken, None where unknown.
     position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it was made
     of the photo, so that an export has to hold it.
     """
@@ -39,6 +40,8 @@ class PlacedPhoto:
     width: int
     height: int
     is_sphere: bool = True
+    camera_model: str = "equirectangular"
+    hfov_deg: float = 360.0
     time_unix_s: float | None = None
     confidence: float = 1.0
     position_radius_m: float | None = None
@@ -60,9 +63,11 @@ class Tour:
     """Photos of one map.
 
     coordinate_system: of the map's positions, by EPSG code or WKT; a georeference takes precedence. geoid_undulation_m:
-    height of the geoid above the ellipsoid there, None where unknown. created_unix_s: when the photos were placed; stands
+    height of the geoid above the ellipsoid there, None where unknown. floor_levels_m: of the floors that were found in the
+    scan, bottom up, in the map's frame. title: the name of the map, for people. created_unix_s: when the photos were placed; stands
     for the time of a photo where a format needs one. scan: a PLY with the points of the map in its own frame, for formats
-    that hold points. survey: the original scan, an E57 in the map's own frame, which the export as E57 copies.
+    that hold points. survey: the original scan, an E57 in the map's own frame, which the export as E57 copies. page: folder with the
+    built page of the walk-through.
     """
 
     name: str
@@ -74,6 +79,9 @@ class Tour:
     scan: Path | None = None
     survey: Path | None = None
     geoid_undulation_m: float | None = None
+    floor_levels_m: tuple[float, ...] = ()
+    title: str = ""
+    page: Path | None = None
 
     @property
     def times_unix_s(self) -> list[float]:
@@ -124,8 +132,10 @@ def read_tour(path: Path, folder: Path) -> Tour:
 
     {"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "coordinate_system": null | "EPSG:25832",
      "geoid_undulation_m": null | 46.2, "scan": null | "points.ply", "survey": null | "scan.e57",
+     "floor_levels_m": [0.0], "title": "Office", "page": null | "…/walk",
      "photos": [{"name": "a.jpg", "image": "/…/00000", "frame": "ros", "position_m": [x, y, z],
-                 "quaternion_xyzw": [x, y, z, w], "camera_model": "equirectangular", "confidence": 0.9,
+                 "quaternion_xyzw": [x, y, z, w], "camera_model": "equirectangular", "hfov_deg": 360,
+                 "confidence": 0.9,
                  "position_radius_m": 0.02, "orientation_radius_deg": 0.3}],
      "left_out": [{"name": "b.jpg", "reason": "not_localized"}]}
 
@@ -140,7 +150,8 @@ def read_tour(path: Path, folder: Path) -> Tour:
         "photos": tuple(_photo(folder, **each) for each in document["photos"]),
         "left_out": tuple(LeftOut(**each) for each in document["left_out"]),
         "georeference": None if place is None else Georeference(**place),
-        **{name: None if document[name] is None else Path(document[name]) for name in ("scan", "survey")},
+        "floor_levels_m": tuple(document["floor_levels_m"]),
+        **{name: None if document[name] is None else Path(document[name]) for name in ("scan", "survey", "page")},
     }
     return Tour(**given)
 
@@ -177,6 +188,7 @@ def _photo(
         width=width,
         height=height,
         is_sphere=is_sphere,
+        camera_model=camera_model,
         time_unix_s=time_unix_s,
         image=file,
         is_converted=is_converted,

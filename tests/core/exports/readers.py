@@ -247,7 +247,16 @@ def about_z(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
 
 
+def walk(folder: Path) -> Poses:
+    data = json.loads((folder / "walk" / "data.js").read_text().removeprefix("window.panolocWalk = ").rstrip(";\n"))
+    origin = np.array(data["origin"])
+    return {
+        each["name"]: Pose(np.array(each["rotation"]), np.array(each["position"]) + origin) for each in data["photos"]
+    }
+
+
 READERS: dict[str, Callable[[Path], Poses]] = {
+    "tour": walk,
     "potree": potree,
     "navvis": navvis,
     "colmap": colmap,

@@ -23,7 +23,7 @@ FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 
 def georeferenced(tour: Tour) -> Tour:
     near = tuple(photo for number, photo in enumerate(tour.photos) if number % 2 == 0)
-    return Tour(tour.name, near, georeference=PLACE, created_unix_s=tour.created_unix_s)
+    return replace(tour, photos=near, georeference=PLACE)
 
 
 def close(found: Any, expected: Any, tolerance: float) -> None:
