@@ -70,7 +70,7 @@ import {{ Viewer }} from "{_PSV}/core";
 import {{ VirtualTourPlugin }} from "{_PSV}/virtual-tour-plugin";
 {_PHOTOS}
 const tour = await (await fetch("tour.json")).json();
-const viewer = new Viewer({{ container: "viewer", plugins: [VirtualTourPlugin.withConfig(tour.virtualTour)] }});
+const viewer = (window.viewer = new Viewer({{ container: "viewer", plugins: [VirtualTourPlugin.withConfig(tour.virtualTour)] }}));
 const plugin = viewer.getPlugin(VirtualTourPlugin);
 offer(tour.virtualTour.nodes.map((node) => [node.id, node.data.name]), (id) => plugin.setCurrentNode(id));
 plugin.addEventListener("node-changed", (event) => {{ photos.value = event.node.id; }});
@@ -85,7 +85,7 @@ def pannellum_page(title: str) -> ExportedFile:
     script = f"""<script type="module">
 {_PHOTOS}
 const tour = await (await fetch("pannellum.json")).json();
-const viewer = pannellum.viewer("viewer", {{ ...tour, escapeHTML: true }});
+const viewer = (window.viewer = pannellum.viewer("viewer", {{ ...tour, escapeHTML: true }}));
 offer(Object.keys(tour.scenes).map((name) => [name, name]), (name) => viewer.loadScene(name));
 viewer.on("scenechange", (name) => {{ photos.value = name; }});
 </script>"""
