@@ -8,6 +8,8 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pi_heif import register_heif_opener
 from PIL import Image
 
@@ -19,6 +21,7 @@ from panoloc.core.options import MAX_PIXELS
 
 TIME_DECIMALS = 6
 """Of seconds since 1970: a double holds no more."""
+_LARGE_M = 1000.0  # single precision resolves 0.06 mm there
 _EXIF_IFD, _TAKEN, _TAKEN_OFFSET, _TAKEN_FRACTION, _ORIENTATION = 0x8769, 0x9003, 0x9011, 0x9291, 0x0112
 _ON_ITS_SIDE = (5, 6, 7, 8)
 _FIRST_BYTES = {".jpg": b"\xff\xd8\xff", ".jpeg": b"\xff\xd8\xff", ".png": b"\x89PNG"}
@@ -88,6 +91,17 @@ class Tour:
         """Return a time per photo: when it was taken; 0, 1, 2 … for all where that is not known of each."""
         known = [photo.time_unix_s for photo in self.photos if photo.time_unix_s is not None]
         return known if len(known) == len(self.photos) else [float(number) for number in range(len(self.photos))]
+
+    @property
+    def offset_m(self) -> NDArray[np.float64]:
+        """Return (3,), in whole metres: what to take from positions for readers in single precision, zero near the origin.
+
+        Survey coordinates, in the millions, would be half a metre off in such readers.
+        """
+        positions = np.array([photo.map_from_camera.position for photo in self.photos]).reshape(-1, 3)
+        if not len(positions) or np.abs(positions).max() <= _LARGE_M:
+            return np.zeros(3)
+        return np.asarray(np.rint((positions.min(axis=0) + positions.max(axis=0)) / 2))
 
 
 @dataclass(frozen=True)

@@ -57,11 +57,11 @@ def walk_document(
 ) -> dict[str, Any]:
     """Return what the page knows of the tour; `walk_data.ts` of the console says the same in TypeScript.
 
-    Positions are metres from an origin near the photos, so that 32 bits suffice; rotations have rows, from camera (x forward, y left,
+    Positions are metres from `origin`, because graphics processors compute in single precision; rotations have rows, from camera (x forward, y left,
     z up) to map.
     """
     places = np.array([photo.map_from_camera.position for photo in tour.photos]).reshape(-1, 3)
-    origin = np.round(places.mean(axis=0)) if len(places) else np.zeros(3)
+    origin = tour.offset_m
     floor_of = {number: floor for floor, storey in enumerate(storeys) for number in storey.photos}
     links = links_of(places, points.positions)
     return {

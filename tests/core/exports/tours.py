@@ -33,6 +33,12 @@ def rotation_of(heading_deg: float, elevation_deg: float, roll_deg: float) -> np
 GOLDEN = Pose(rotation_of(37.5, -12.25, 4.75), np.array([1.25, -2.5, 1.6]))
 
 
+def directions(seed: int = 0, number: int = 24) -> np.ndarray:
+    """Return known directions (number, 3) all over the sphere."""
+    drawn = np.random.default_rng(seed).normal(size=(number, 3))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+
+
 def jpeg(width: int = 64, height: int = 32) -> bytes:
     """Return a small picture."""
     ramp = np.linspace(0, 255, width * height * 3).reshape(height, width, 3)
