@@ -57,8 +57,8 @@ def walk_document(
 ) -> dict[str, Any]:
     """Return what the page knows of the tour; `walk_data.ts` of the console says the same in TypeScript.
 
-    Positions are metres from `origin`, because graphics processors compute in single precision; rotations have rows, from camera (x forward, y left,
-    z up) to map.
+    Positions are metres from `origin`, because graphics processors compute in single precision. Rotations have rows, from camera (x
+    forward, y left, z up) to map.
     """
     places = np.array([photo.map_from_camera.position for photo in tour.photos]).reshape(-1, 3)
     origin = tour.offset_m
