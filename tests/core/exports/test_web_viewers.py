@@ -19,6 +19,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, Route
 
+from panoloc.core.exports.exif_gps import GpsPosition
 from panoloc.core.exports.gpano import with_fields
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.exports.web_pages import DIGESTS
@@ -65,7 +66,7 @@ def tour(tmp_path_factory: pytest.TempPathFactory) -> Tour:
     for number, turns in enumerate(TURNS):
         rotation, name = rotation_of(*turns), f"hall #{number} <b>50%.jpg"
         plain = painted(rotation)
-        (folder / str(number)).write_bytes(with_fields(plain, GPANO) if number else plain)
+        (folder / str(number)).write_bytes(with_fields(plain, GPANO, GpsPosition(0, 0, None, 0)) if number else plain)
         position = LARGE + np.array([2.0 * number, (number % 2) * 1.5, 0.1 * number])
         photos.append(PlacedPhoto(name, Pose(rotation, position), 1024, 512, image=folder / str(number)))
     return Tour("map_1", tuple(photos), coordinate_system="EPSG:25832")
