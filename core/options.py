@@ -20,6 +20,7 @@ UpAxis = Literal["z", "y"]
 ColorKind = Literal["rgb", "labels"]
 StartsMethod = Literal["octree", "grid"]
 ExportFormat = Literal[
+    "tour",
     "potree",
     "navvis",
     "colmap",

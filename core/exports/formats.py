@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from panoloc.core.errors import ExportRefusedError
-from panoloc.core.exports import colmap, e57, earth, gpano, reconstruction, robots, viewers
+from panoloc.core.exports import colmap, e57, earth, gpano, reconstruction, robots, viewers, walk, web_tours
 from panoloc.core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.core.scan.file_names import display_name
@@ -28,7 +28,8 @@ class Exporter:
 
 
 EXPORTERS: dict[ExportFormat, Exporter] = {
-    "potree": Exporter(viewers.write_potree),
+    "tour": Exporter(walk.write, walk.why_not, spheres_only=False),
+    "potree": Exporter(web_tours.write_potree),
     "navvis": Exporter(viewers.write_navvis),
     "colmap": Exporter(colmap.write, colmap.why_not),
     "colmap-rig": Exporter(colmap.write_rig),
@@ -42,8 +43,8 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "ros": Exporter(robots.write_ros, spheres_only=False),
     "tum": Exporter(robots.write_tum, spheres_only=False),
     "gltf": Exporter(viewers.write_gltf, spheres_only=False),
-    "psv": Exporter(viewers.write_psv),
-    "pannellum": Exporter(viewers.write_pannellum),
+    "psv": Exporter(web_tours.write_psv),
+    "pannellum": Exporter(web_tours.write_pannellum),
     "geojson": Exporter(earth.write_geojson, spheres_only=False),
 }
 

@@ -1,11 +1,14 @@
-"""GPano: copies of the photos with their angles in XMP. Every other byte of a JPEG stays as it is."""
+"""GPano: copies of the photos with their angles in XMP and their position in EXIF. All else in a JPEG stays as it is."""
 
+import re
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
+from panoloc.core.earth.geopose import EarthPose
 from panoloc.core.exports.earth import on_earth
+from panoloc.core.exports.exif_gps import MAX_SEGMENT_BYTES, GpsPosition, is_exif, with_position
 from panoloc.core.exports.frames import PhotoAngles
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, plain, why_not_as_named
 
@@ -13,7 +16,10 @@ _GPANO = "http://ns.google.com/photos/1.0/panorama/"
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _META = "adobe:ns:meta/"
 _SIGNATURE = b"http://ns.adobe.com/xap/1.0/\x00"
-_APP1, _APP0, _MAX_SEGMENT_BYTES = 0xE1, 0xE0, 65_533
+_APP1, _APP0 = 0xE1, 0xE0
+_OF_PLACE = re.compile(
+    rf"\{{{re.escape(_GPANO)}\}}|\{{[^}}]*\}}(?i:gps)"
+)  # GPano; EXIF in XMP and makers name fields GPS…
 _BEGIN = '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>'.encode()
 _END = b'<?xpacket end="w"?>'
 
@@ -28,10 +34,25 @@ def why_not(photo: PlacedPhoto) -> str | None:
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield a copy of each JPEG. Headings count from true north, elevation is up, roll is right side down."""
-    for photo, _, angles in on_earth(tour):
+    """Yield a copy of each JPEG, with the place in place of what its camera held for its own.
+
+    Headings count from true north, elevation is up, roll is right side down. EXIF counts heights from sea level: without a geoid none is
+    written.
+    """
+    for photo, place, angles in on_earth(tour):
         if photo.image is not None:
-            yield ExportedFile(photo.name, with_fields(photo.image.read_bytes(), _fields_of(photo, angles)))
+            position = GpsPosition(
+                place.latitude_deg, place.longitude_deg, _above_sea_m(tour, place), angles.heading_deg
+            )
+            yield ExportedFile(photo.name, with_fields(photo.image.read_bytes(), _fields_of(photo, angles), position))
+
+
+def _above_sea_m(tour: Tour, place: EarthPose) -> float | None:
+    if place.height_reference == "geoid":
+        return place.height_m
+    if place.height_reference == "ellipsoid" and tour.geoid_undulation_m is not None:
+        return place.height_m - tour.geoid_undulation_m
+    return None
 
 
 def _fields_of(photo: PlacedPhoto, angles: PhotoAngles) -> dict[str, str]:
@@ -52,15 +73,20 @@ def _fields_of(photo: PlacedPhoto, angles: PhotoAngles) -> dict[str, str]:
     }
 
 
-def with_fields(jpeg: bytes, fields: Mapping[str, str]) -> bytes:
-    """Return the JPEG with these GPano fields instead of its own; other XMP is kept where it can be read."""
-    kept, insert_at, end = bytearray(jpeg[:2]), 2, 2
-    for start, end in _segments(jpeg):
-        if not _is_xmp(jpeg, start):
-            kept += jpeg[start:end]
-        if jpeg[start + 1] in (_APP0, _APP1):
-            insert_at = len(kept)  # JFIF and EXIF want to come first
-    return bytes(kept[:insert_at]) + _segment(fields, xmp_of(jpeg)) + bytes(kept[insert_at:]) + jpeg[end:]
+def with_fields(jpeg: bytes, fields: Mapping[str, str], position: GpsPosition) -> bytes:
+    """Return the JPEG with these GPano fields instead of its own, and with a position; other EXIF and XMP is kept where it can be read."""
+    segments = list(_segments(jpeg))
+    kept, exif = [], None
+    for start, end in segments:
+        if exif is None and jpeg[start + 1] == _APP1 and is_exif(jpeg[start + 4 : end]):
+            exif = jpeg[start + 4 : end]
+        elif not _is_xmp(jpeg, start):
+            kept.append(jpeg[start:end])
+    # JFIF comes first, then EXIF.
+    num_first = sum(segment[1] == _APP0 for segment in kept)
+    ours = [_app1(with_position(exif, position)), _app1(_xmp(fields, xmp_of(jpeg)))]
+    end = segments[-1][1] if segments else 2
+    return b"".join([jpeg[:2], *kept[:num_first], *ours, *kept[num_first:], jpeg[end:]])
 
 
 def xmp_of(jpeg: bytes) -> bytes | None:
@@ -82,13 +108,17 @@ def _is_xmp(jpeg: bytes, at: int) -> bool:
     return jpeg[at + 1] == _APP1 and jpeg.startswith(_SIGNATURE, at + 4)
 
 
-def _segment(fields: Mapping[str, str], former: bytes | None) -> bytes:
-    """Return an APP1 segment. The former packet is left out where it is no XMP or does not fit beside the new fields."""
+def _app1(payload: bytes) -> bytes:
+    return bytes([0xFF, _APP1]) + struct.pack(">H", len(payload) + 2) + payload
+
+
+def _xmp(fields: Mapping[str, str], former: bytes | None) -> bytes:
+    """Return the content of a segment. The former packet is left out where it is no XMP or does not fit beside the new fields."""
     for packet in (former, None):
         payload = _SIGNATURE + _BEGIN + _packet(fields, packet) + _END
-        if len(payload) <= _MAX_SEGMENT_BYTES:
+        if len(payload) <= MAX_SEGMENT_BYTES:
             break
-    return bytes([0xFF, _APP1]) + struct.pack(">H", len(payload) + 2) + payload
+    return payload
 
 
 def _packet(fields: Mapping[str, str], former: bytes | None) -> bytes:
@@ -101,7 +131,7 @@ def _packet(fields: Mapping[str, str], former: bytes | None) -> bytes:
         root = ElementTree.Element(f"{{{_META}}}xmpmeta")
         descriptions = ElementTree.SubElement(root, f"{{{_RDF}}}RDF")
     for description in descriptions:
-        _forget_gpano(description)
+        _forget_place(description)
     attributes = {f"{{{_RDF}}}about": "", **{f"{{{_GPANO}}}{name}": value for name, value in fields.items()}}
     ElementTree.SubElement(descriptions, f"{{{_RDF}}}Description", attributes)
     return bytes(ElementTree.tostring(root, "utf-8"))
@@ -117,8 +147,9 @@ def _parsed(packet: bytes | None) -> ElementTree.Element:
     return ElementTree.Element(f"{{{_META}}}xmpmeta")
 
 
-def _forget_gpano(description: ElementTree.Element) -> None:
-    for name in [name for name in description.attrib if name.startswith(f"{{{_GPANO}}}")]:
+def _forget_place(description: ElementTree.Element) -> None:
+    """Take out what a camera held for its place and pose."""
+    for name in [name for name in description.attrib if _OF_PLACE.match(name)]:
         del description.attrib[name]
-    for child in [child for child in description if child.tag.startswith(f"{{{_GPANO}}}")]:
+    for child in [child for child in description if _OF_PLACE.match(child.tag)]:
         description.remove(child)

@@ -20,7 +20,6 @@ from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.reading import read_scan
 
 _POINTS = "points.ply"
-_LARGE_M = 1000.0  # single precision resolves 0.06 mm there
 
 
 def write_opensfm(tour: Tour) -> Iterator[ExportedFile]:
@@ -76,10 +75,10 @@ def write_nerfstudio(tour: Tour) -> Iterator[ExportedFile]:
     """Yield poses from camera (right, up, backward) to the z-up map, and the points of the map where it has some.
 
     The fields that forbid turning and scaling are written out, because loaders assume COLMAP's axes without them. Its
-    parser holds poses and points in single precision before it centres them: survey coordinates, in the millions, would
-    be half a metre off. Large coordinates are therefore written without the offset `map_offset_m`.
+    parser holds poses and points in single precision before it centres them. Large coordinates are therefore written without
+    the offset `map_offset_m`.
     """
-    offset = _offset(tour)
+    offset = tour.offset_m
     has_points = tour.scan is not None and tour.scan.suffix == ".ply"
     document: dict[str, Any] = {
         "camera_model": "EQUIRECTANGULAR",
@@ -96,14 +95,6 @@ def write_nerfstudio(tour: Tour) -> Iterator[ExportedFile]:
     yield json_file("transforms.json", document)
     if has_points and tour.scan is not None:
         yield ExportedFile(_POINTS, _moved(tour.scan, offset) if offset.any() else tour.scan)
-
-
-def _offset(tour: Tour) -> NDArray[np.float64]:
-    """Return the offset (3,), in whole metres, that brings the photos near the origin; zero where they are near it."""
-    positions = np.array([photo.map_from_camera.position for photo in tour.photos]).reshape(-1, 3)
-    if not len(positions) or np.abs(positions).max() <= _LARGE_M:
-        return np.zeros(3)
-    return np.asarray(np.rint((positions.min(axis=0) + positions.max(axis=0)) / 2))
 
 
 def _moved(scan: Path, offset: NDArray[np.float64]) -> bytes:

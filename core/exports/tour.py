@@ -8,6 +8,8 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pi_heif import register_heif_opener
 from PIL import Image
 
@@ -19,6 +21,7 @@ from panoloc.core.options import MAX_PIXELS
 
 TIME_DECIMALS = 6
 """Of seconds since 1970: a double holds no more."""
+_LARGE_M = 1000.0  # single precision resolves 0.06 mm there
 _EXIF_IFD, _TAKEN, _TAKEN_OFFSET, _TAKEN_FRACTION, _ORIENTATION = 0x8769, 0x9003, 0x9011, 0x9291, 0x0112
 _ON_ITS_SIDE = (5, 6, 7, 8)
 _FIRST_BYTES = {".jpg": b"\xff\xd8\xff", ".jpeg": b"\xff\xd8\xff", ".png": b"\x89PNG"}
@@ -29,7 +32,8 @@ class PlacedPhoto:
     """A photo with its pose.
 
     name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres.
-    width, height: pixels. is_sphere: a full equirectangular panorama. time_unix_s: when it was taken, None where unknown.
+    width, height: pixels. is_sphere: a full equirectangular panorama. camera_model, hfov_deg: as in an answer. time_unix_s: when it
+    was taken, None where unknown.
     position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it was made
     of the photo, so that an export has to hold it.
     """
@@ -39,6 +43,8 @@ class PlacedPhoto:
     width: int
     height: int
     is_sphere: bool = True
+    camera_model: str = "equirectangular"
+    hfov_deg: float = 360.0
     time_unix_s: float | None = None
     confidence: float = 1.0
     position_radius_m: float | None = None
@@ -60,9 +66,11 @@ class Tour:
     """Photos of one map.
 
     coordinate_system: of the map's positions, by EPSG code or WKT; a georeference takes precedence. geoid_undulation_m:
-    height of the geoid above the ellipsoid there, None where unknown. created_unix_s: when the photos were placed; stands
+    height of the geoid above the ellipsoid there, None where unknown. floor_levels_m: of the floors that were found in the
+    scan, bottom up, in the map's frame. title: the name of the map, for people. created_unix_s: when the photos were placed; stands
     for the time of a photo where a format needs one. scan: a PLY with the points of the map in its own frame, for formats
-    that hold points. survey: the original scan, an E57 in the map's own frame, which the export as E57 copies.
+    that hold points. survey: the original scan, an E57 in the map's own frame, which the export as E57 copies. page: folder with the
+    built page of the walk-through.
     """
 
     name: str
@@ -74,12 +82,26 @@ class Tour:
     scan: Path | None = None
     survey: Path | None = None
     geoid_undulation_m: float | None = None
+    floor_levels_m: tuple[float, ...] = ()
+    title: str = ""
+    page: Path | None = None
 
     @property
     def times_unix_s(self) -> list[float]:
         """Return a time per photo: when it was taken; 0, 1, 2 … for all where that is not known of each."""
         known = [photo.time_unix_s for photo in self.photos if photo.time_unix_s is not None]
         return known if len(known) == len(self.photos) else [float(number) for number in range(len(self.photos))]
+
+    @property
+    def offset_m(self) -> NDArray[np.float64]:
+        """Return (3,), in whole metres: what to take from positions for readers in single precision, zero near the origin.
+
+        Survey coordinates, in the millions, would be half a metre off in such readers.
+        """
+        positions = np.array([photo.map_from_camera.position for photo in self.photos]).reshape(-1, 3)
+        if not len(positions) or np.abs(positions).max() <= _LARGE_M:
+            return np.zeros(3)
+        return np.asarray(np.rint((positions.min(axis=0) + positions.max(axis=0)) / 2))
 
 
 @dataclass(frozen=True)
@@ -124,8 +146,10 @@ def read_tour(path: Path, folder: Path) -> Tour:
 
     {"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "coordinate_system": null | "EPSG:25832",
      "geoid_undulation_m": null | 46.2, "scan": null | "points.ply", "survey": null | "scan.e57",
+     "floor_levels_m": [0.0], "title": "Office", "page": null | "…/walk",
      "photos": [{"name": "a.jpg", "image": "/…/00000", "frame": "ros", "position_m": [x, y, z],
-                 "quaternion_xyzw": [x, y, z, w], "camera_model": "equirectangular", "confidence": 0.9,
+                 "quaternion_xyzw": [x, y, z, w], "camera_model": "equirectangular", "hfov_deg": 360,
+                 "confidence": 0.9,
                  "position_radius_m": 0.02, "orientation_radius_deg": 0.3}],
      "left_out": [{"name": "b.jpg", "reason": "not_localized"}]}
 
@@ -140,7 +164,8 @@ def read_tour(path: Path, folder: Path) -> Tour:
         "photos": tuple(_photo(folder, **each) for each in document["photos"]),
         "left_out": tuple(LeftOut(**each) for each in document["left_out"]),
         "georeference": None if place is None else Georeference(**place),
-        **{name: None if document[name] is None else Path(document[name]) for name in ("scan", "survey")},
+        "floor_levels_m": tuple(document["floor_levels_m"]),
+        **{name: None if document[name] is None else Path(document[name]) for name in ("scan", "survey", "page")},
     }
     return Tour(**given)
 
@@ -177,6 +202,7 @@ def _photo(
         width=width,
         height=height,
         is_sphere=is_sphere,
+        camera_model=camera_model,
         time_unix_s=time_unix_s,
         image=file,
         is_converted=is_converted,

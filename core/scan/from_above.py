@@ -7,7 +7,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from PIL import Image
 
-_EMPTY = 250  # grey of what the scan does not show
+EMPTY = 250
+"""Grey of what the scan does not show."""
 _NARROWEST = 16  # pixels
 _GAP_PASSES = 2
 _FEWEST_NEIGHBOURS = 4  # of eight: spots that thinning leaves in floors close, what lies outside does not grow
@@ -47,7 +48,7 @@ def draw_from_above(
     cut = positions[:, 2] <= area.top_m
     order = np.argsort(positions[cut, 2], kind="stable")
     x, y = _cells(positions[cut][order], area, scale, height)
-    picture = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
+    picture = np.full((height, width, 3), EMPTY, dtype=np.uint8)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     picture[y[inside], x[inside]] = colors[cut][order][inside]
     shown = np.zeros((height, width), dtype=np.bool_)

@@ -18,7 +18,7 @@ from panoloc.service.batches.tour import Photo, maps_of, overview_document, tour
 from panoloc.service.errors import ExportFailedError, StoredFileMissingError
 from panoloc.service.host.child_processes import run_module
 from panoloc.service.jobs import Result, new_id
-from panoloc.service.maps.record import MapRecord, key_of, place_on_earth
+from panoloc.service.maps.record import MapRecord, key_of, map_document
 from panoloc.service.storage import Storage
 
 REFUSED = 3
@@ -94,7 +94,7 @@ def _tour_document(
         wanted.include_ambiguous,
         photos,
         datetime.fromisoformat(wanted.record.created_at).timestamp(),
-        {} if place is None else place_on_earth(place),
+        {} if place is None else map_document(place, None),
         _points(storage, place, stack),
         _survey(storage, place, stack) if wanted.format == "e57" else None,
     )

@@ -7,6 +7,8 @@ from typing import Any
 
 from panoloc.service.jobs import ON_EARTH, Result
 
+WALK_PAGE = Path(__file__).parents[1] / "console" / "built" / "walk"
+"""The page of the walk-through, built with the console."""
 _MAX_OTHERS = 4  # places of one ambiguous photo, besides the likeliest
 
 
@@ -56,10 +58,11 @@ def tour_document(
 ) -> dict[str, Any]:
     """Return the tour of one map for `panoloc.core.exports`.
 
-    place: document of the map, of which the place on Earth is used. scan: a PLY with the points of the map. survey:
+    place: document of the map, of which name, floors and the place on Earth are used. scan: a PLY with the points of the map. survey:
     the scan itself, an E57. gone: further names that are left out, each with the reason.
     """
     placed, left_out = [], dict[str, str]()
+    stats = place.get("stats") or {}
     for photo in photos:
         reason = why_left_out(photo.result, map_id, include_ambiguous)
         if photo.result is None or reason is not None:
@@ -73,6 +76,9 @@ def tour_document(
         **{name: place.get(name) for name in ON_EARTH},
         "scan": None if scan is None else str(scan),
         "survey": None if survey is None else str(survey),
+        "floor_levels_m": [floor["level_m"] for floor in stats.get("floors") or ()],
+        "title": place.get("name") or map_id,
+        "page": str(WALK_PAGE),
         "photos": placed,
         "left_out": [{"name": name, "reason": reason} for name, reason in reasons],
     }
@@ -92,6 +98,7 @@ def _placed(photo: Photo, answer: Mapping[str, Any]) -> dict[str, Any]:
         "image": str(photo.image),
         **_pose(answer["pose"]),
         "camera_model": answer["images"][0]["camera"]["model"],
+        "hfov_deg": answer["images"][0]["camera"]["hfov_deg"],
         "confidence": answer["confidence"],
         "position_radius_m": accuracy.get("position_m"),
         "orientation_radius_deg": accuracy.get("orientation_deg"),

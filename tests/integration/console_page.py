@@ -86,9 +86,12 @@ def best_shift(first: NDArray[np.float32], second: NDArray[np.float32]) -> tuple
 
 
 def serious_faults(page: Page) -> list[str]:
-    """Return what axe finds that keeps people from reading or reaching something, as "rule: element"."""
+    """Return what axe finds that keeps people from reading or reaching something, as "rule: element".
+
+    Style sheets are not fetched once more: a page in a folder may not.
+    """
     page.evaluate(AXE.read_text(encoding="utf-8"))
-    found = page.evaluate("axe.run(document)")["violations"]
+    found = page.evaluate("axe.run(document, {preload: false})")["violations"]
     return [
         f"{fault['id']}: {node['html'][:200]}"
         for fault in found

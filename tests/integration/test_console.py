@@ -157,8 +157,52 @@ def test_a_map_has_a_code_that_opens_it_on_phones(page: Page, service: RunningSe
     assert serious_faults(page) == []
 
 
+def _walk_through_an_export(page: Page, chromium: Browser, folder: Path) -> None:
+    """Download a walk-through, open it from its folder on a phone's screen, and walk to the other photo."""
+    page.get_by_label("Format").select_option("tour")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download").click()
+    with zipfile.ZipFile(download.value.path()) as archive:
+        archive.extractall(folder)
+    assert "notes.txt" in (folder / "unplaced.txt").read_text()
+    requests: list[str] = []
+    with page_of(chromium, "about:blank", viewport={"width": 390, "height": 844}) as walk:
+        walk.on("request", lambda request: requests.append(request.url))
+        walk.goto((folder / "index.html").as_uri())
+        here = walk.locator("canvas[data-here]")
+        expect(here).to_have_attribute("data-here", "0")
+        arrow = walk.get_by_role("group", name="To the photos around").get_by_role("button", name="To other.jpg")
+        # By keyboard one turns to it first, because it may lie behind.
+        arrow.focus()
+        heading = _heading_to_the_other(walk)
+        assert abs(float(here.get_attribute("data-yaw") or "nan") - heading) < 1e-3
+        before = here.screenshot()
+        arrow.click()
+        expect(here).to_have_attribute("data-here", "1")
+        expect(walk.get_by_role("status")).to_have_text("other.jpg")
+        assert abs(float(here.get_attribute("data-yaw") or "nan") - heading) < 1e-3
+        assert here.screenshot() != before
+        walk.get_by_role("button", name="Photos").click()
+        expect(walk.get_by_label("All photos").get_by_role("button")).to_have_count(2)
+        assert serious_faults(walk) == []
+        walk.get_by_role("button", name="Plan").click()
+        expect(walk.get_by_role("img", name="Floor 1 from above")).to_be_visible()
+        assert walk.get_by_role("img").evaluate("image => image.naturalWidth") > 100
+        walk.locator("[data-stop='0']").click()
+        expect(here).to_have_attribute("data-here", "0")
+        assert serious_faults(walk) == []
+    inside = (folder.as_uri(), "data:", "blob:")
+    assert requests
+    assert [url for url in requests if not url.startswith(inside)] == []
+
+
+def _heading_to_the_other(walk: Page) -> float:
+    one, other = (photo["position"] for photo in walk.evaluate("window.panolocWalk.photos"))
+    return float(np.arctan2(other[1] - one[1], other[0] - one[0]))
+
+
 def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
-    page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
+    page: Page, chromium: Browser, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
 ) -> None:
     (other := tmp_path / "other.jpg").write_bytes(second_panorama())
     notes = tmp_path / "notes.txt"
@@ -187,6 +231,7 @@ def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     with zipfile.ZipFile(download.value.path()) as archive:
         assert "unplaced.txt" in archive.namelist()
     assert serious_faults(page) == []
+    _walk_through_an_export(page, chromium, tmp_path / "walk")
     page.get_by_role("button", name="Delete this batch…").click()
     page.get_by_role("button", name="Delete", exact=True).click()
     expect(page.get_by_role("heading", name="Batches", exact=True)).to_be_visible()

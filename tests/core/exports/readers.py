@@ -189,12 +189,14 @@ def tum(folder: Path) -> Poses:
 
 
 def gltf(folder: Path) -> Poses:
-    """Turn the world back from y up to z up by 90 degrees about x, as 3D Tiles do."""
+    """Read nodes in single precision; turn the world back from y up to z up by 90 degrees about x, as 3D Tiles do."""
     z_up = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    found = {}
-    for node in pygltflib.GLTF2().load(str(folder / "tour.gltf")).nodes:
-        rotation = quaternion(*node.rotation)
-        found[node.name.removeprefix("panorama:")] = Pose(z_up @ rotation @ GL, z_up @ np.array(node.translation))
+    found, read = {}, pygltflib.GLTF2().load(str(folder / "tour.gltf"))
+    offset = np.array(read.scenes[0].extras.get("map_offset_m", [0.0, 0, 0]))
+    for node in read.nodes:
+        rotation = quaternion(*(float(np.float32(value)) for value in node.rotation))
+        position = np.array(node.translation, np.float32).astype(np.float64)
+        found[node.name.removeprefix("panorama:")] = Pose(z_up @ rotation @ GL, z_up @ position + offset)
     return found
 
 
@@ -208,7 +210,7 @@ def psv(folder: Path) -> Poses:
         )
         group = about_y(pan) @ about_x(tilt) @ about_z(roll)
         rotation = about_z(np.pi / 2) @ axes.T @ group @ axes
-        found[node["panorama"]] = Pose(rotation, np.array(node["data"]["positionM"]))
+        found[node["data"]["name"]] = Pose(rotation, np.array(node["data"]["positionM"]))
     return found
 
 
@@ -247,7 +249,16 @@ def about_z(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
 
 
+def walk(folder: Path) -> Poses:
+    data = json.loads((folder / "walk" / "data.js").read_text().removeprefix("window.panolocWalk = ").rstrip(";\n"))
+    origin = np.array(data["origin"])
+    return {
+        each["name"]: Pose(np.array(each["rotation"]), np.array(each["position"]) + origin) for each in data["photos"]
+    }
+
+
 READERS: dict[str, Callable[[Path], Poses]] = {
+    "tour": walk,
     "potree": potree,
     "navvis": navvis,
     "colmap": colmap,

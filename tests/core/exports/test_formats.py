@@ -14,15 +14,13 @@ from PIL import Image
 
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports.formats import EXPORTERS, export, north_of
-from panoloc.core.exports.gpano import with_fields, xmp_of
 from panoloc.core.exports.tour import LeftOut, Tour
-from panoloc.core.image.known_camera import crop_fields
 from panoloc.core.options import ExportFormat
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 from tests.core.exports.readers import READERS
-from tests.core.exports.tours import GOLDEN, LARGE, document_of, golden_tour, jpeg, rotation_of, written
+from tests.core.exports.tours import GOLDEN, LARGE, document_of, golden_tour, rotation_of, written
 from tests.core.scan.e57_files import add_scan, buffers_of
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
@@ -129,45 +127,6 @@ def test_without_all_times_photos_are_numbered_in_their_order() -> None:
     (table, *_) = export("potree", tour)
     assert isinstance(table.content, bytes)
     assert [line.split("\t")[1] for line in table.content.decode().splitlines()] == ["time", "0", "1"]
-
-
-def test_gpano_leaves_every_pixel_and_all_other_data_as_they_were(tmp_path: Path) -> None:
-    exif = Image.Exif()
-    exif[0x010F] = "maker"
-    path = tmp_path / "pano.jpg"
-    with Image.open(golden_tour(tmp_path).photos[0].image) as image:  # type: ignore[arg-type]
-        image.save(path, exif=exif, comment=b"a comment")
-    before = path.read_bytes()
-    tour = golden_tour()
-    tour = replace(tour, photos=(replace(tour.photos[0], image=path),))
-    after = written("gpano", tour, tmp_path / "out") / "pano.jpg"
-    with Image.open(path) as old, Image.open(after) as new:
-        assert np.array_equal(np.asarray(old), np.asarray(new))
-        assert new.getexif()[0x010F] == "maker"
-        assert new.info["comment"] == b"a comment"
-        assert crop_fields(new, after.read_bytes()) is None  # a full sphere
-    scan_at = before.index(b"\xff\xdb")
-    assert after.read_bytes().endswith(before[scan_at:])
-
-
-def test_gpano_replaces_what_a_camera_wrote_of_its_pose_and_keeps_the_rest_of_its_xmp() -> None:
-    packet = (
-        b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-        b'<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" xmlns:c="http://camera/" '
-        b'GPano:PoseHeadingDegrees="12" c:Serial="77"><GPano:PoseRollDegrees>3</GPano:PoseRollDegrees></rdf:Description>'
-        b"</rdf:RDF></x:xmpmeta>"
-    )
-    signature = b"http://ns.adobe.com/xap/1.0/\x00"
-    segment = b"\xff\xe1" + (len(signature + packet) + 2).to_bytes(2, "big") + signature + packet
-    source = jpeg()
-    found = xmp_of(with_fields(source[:2] + segment + source[2:], {"PoseHeadingDegrees": "37.5"}))
-    assert found is not None
-    assert b'PoseHeadingDegrees="37.5"' in found
-    assert b'"12"' not in found
-    assert b"PoseRollDegrees" not in found
-    assert b'Serial="77"' in found
-    bomb = segment.replace(packet, b"<!DOCTYPE a [<!ENTITY b 'b'>]>" + packet[30:])
-    assert b"DOCTYPE" not in (xmp_of(with_fields(source[:2] + bomb + source[2:], {"PoseHeadingDegrees": "1"})) or b"")
 
 
 @pytest.mark.slow

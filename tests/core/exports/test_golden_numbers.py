@@ -170,7 +170,8 @@ def test_photo_sphere_viewer_turns_its_sphere_back(tmp_path: Path) -> None:
     found = document("psv", "tour.json", tmp_path)
     (node,) = found["virtualTour"]["nodes"]
     assert node["sphereCorrection"] == {"pan": "-37.5deg", "tilt": "12.25deg", "roll": "4.75deg"}
-    assert found["viewer"] == {"useXmpData": False}
+    pose = {name: node["panoData"][f"pose{name}"] for name in ("Heading", "Pitch", "Roll")}
+    assert pose == {"Heading": 0, "Pitch": 0, "Roll": 0}  # else the viewer adds those of GPano
 
 
 def test_pannellum_has_its_own_order_of_turns(tmp_path: Path) -> None:

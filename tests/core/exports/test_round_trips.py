@@ -14,8 +14,9 @@ from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from tests.core.exports.readers import READERS
 from tests.core.exports.tours import turned_tour, written
 
-# Where a format says so: NavVis writes six decimals.
-ROTATION_TOLERANCE = {"navvis": 4e-6}
+# Where a format says so: NavVis writes six decimals, readers of glTF hold single precision.
+ROTATION_TOLERANCE = {"navvis": 4e-6, "gltf": 4e-7}
+POSITION_TOLERANCE = {"gltf": 1e-4}
 # A map that lies at the equator on the prime meridian and is 1,000 m wide at most, so that a plane is a plane within its tolerance.
 PLACE = Georeference(52.0, 5.0, 40.0, 33.0)
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
@@ -23,7 +24,7 @@ FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 
 def georeferenced(tour: Tour) -> Tour:
     near = tuple(photo for number, photo in enumerate(tour.photos) if number % 2 == 0)
-    return Tour(tour.name, near, georeference=PLACE, created_unix_s=tour.created_unix_s)
+    return replace(tour, photos=near, georeference=PLACE)
 
 
 def close(found: Any, expected: Any, tolerance: float) -> None:
@@ -41,13 +42,15 @@ def test_photos_turned_every_way_come_back_from_a_format_in_the_axes_of_the_map(
     tour = turned_tour(tmp_path)
     if name == "colmap-rig":  # would cut six images of each
         tour = Tour(tour.name, tuple(replace(photo, image=None) for photo in tour.photos))
+    if name == "gltf":  # no single precision holds those near the origin and those of the survey in one scene
+        tour = Tour(tour.name, tour.photos[1::2])
     found = READERS[name](written(name, tour, tmp_path / "out"))
     assert len(found) == len(tour.photos)
     for photo in tour.photos:
         pose = found[photo.name if name != "metashape" else Path(photo.name).stem]
         close(pose.rotation, photo.map_from_camera.rotation, ROTATION_TOLERANCE.get(name, 1e-8))
         if not np.isnan(pose.position).any():
-            close(pose.position, photo.map_from_camera.position, 1e-6)
+            close(pose.position, photo.map_from_camera.position, POSITION_TOLERANCE.get(name, 1e-6))
 
 
 @pytest.mark.parametrize("name", [name for name in FORMATS if name in FORMATS_ON_EARTH])

@@ -20,6 +20,8 @@ TIME_UNIX_S = 1750939398.316
 POINT = np.array([4.0, 1.0, 0.5])
 """A point of the map, and the pixel (column, row) where the golden pose sees it."""
 PIXEL = 1028.387681, 520.952120
+WALK_PAGE = Path(__file__).parent / "walk_page"
+"""In place of the built one, which quick tests do not need."""
 LARGE = np.array([431_250.25, 5_312_480.5, 412.75])
 
 
@@ -29,6 +31,12 @@ def rotation_of(heading_deg: float, elevation_deg: float, roll_deg: float) -> np
 
 
 GOLDEN = Pose(rotation_of(37.5, -12.25, 4.75), np.array([1.25, -2.5, 1.6]))
+
+
+def directions(seed: int = 0, number: int = 24) -> np.ndarray:
+    """Return known directions (number, 3) all over the sphere."""
+    drawn = np.random.default_rng(seed).normal(size=(number, 3))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 
 
 def jpeg(width: int = 64, height: int = 32) -> bytes:
@@ -54,7 +62,7 @@ def golden_tour(folder: Path | None = None, georeference: Georeference | None = 
         orientation_radius_deg=0.3,
         image=image,
     )
-    return Tour("map_1", (photo,), georeference=georeference, created_unix_s=TIME_UNIX_S)
+    return Tour("map_1", (photo,), georeference=georeference, created_unix_s=TIME_UNIX_S, page=WALK_PAGE)
 
 
 def turned_tour(folder: Path, upright: bool = False) -> Tour:
@@ -83,7 +91,7 @@ def turned_tour(folder: Path, upright: bool = False) -> Tour:
         )
         for number, rotation in enumerate(rotations)
     )
-    return Tour("map_1", photos)
+    return Tour("map_1", photos, page=WALK_PAGE)
 
 
 def written(format_name: ExportFormat, tour: Tour, folder: Path) -> Path:

@@ -1,4 +1,4 @@
-/** Turning the head where somebody stands: drag, arrow keys; wheel and + − for the angle of view. */
+/** Turning the head where somebody stands: drag, arrow keys; wheel, two fingers and + − for the angle of view. */
 
 import { levelRotation, type Rotation } from "./frames.ts";
 
@@ -12,7 +12,8 @@ export class LookAround {
   fovDeg = 75;
   /** A tilted photo's own rotation, until somebody turns. */
   private own: Rotation | null = null;
-  private last: [number, number] | null = null;
+  /** Where each finger, or the mouse, is. */
+  private readonly held = new Map<number, [number, number]>();
   private readonly element: HTMLElement;
   private readonly changed: () => void;
   private isOn = false;
@@ -39,7 +40,7 @@ export class LookAround {
 
   end(): void {
     this.isOn = false;
-    this.last = null;
+    this.held.clear();
   }
 
   dispose(): void {
@@ -65,20 +66,32 @@ export class LookAround {
 
   private readonly down = (event: PointerEvent): void => {
     if (!this.isOn) return;
-    this.last = [event.clientX, event.clientY];
+    this.held.set(event.pointerId, [event.clientX, event.clientY]);
     this.element.setPointerCapture(event.pointerId);
   };
 
   private readonly move = (event: PointerEvent): void => {
-    if (!this.isOn || this.last === null) return;
+    const last = this.held.get(event.pointerId);
+    if (!this.isOn || last === undefined) return;
+    const spread = this.spread();
+    this.held.set(event.pointerId, [event.clientX, event.clientY]);
+    if (this.held.size > 1) {
+      if (spread > 0 && this.spread() > 0) this.zoom(spread / this.spread());
+      return;
+    }
     const perPixel = ((this.fovDeg / 180) * Math.PI) / this.element.clientHeight;
-    this.turn((event.clientX - this.last[0]) * perPixel, (event.clientY - this.last[1]) * perPixel);
-    this.last = [event.clientX, event.clientY];
+    this.turn((event.clientX - last[0]) * perPixel, (event.clientY - last[1]) * perPixel);
   };
 
-  private readonly up = (): void => {
-    this.last = null;
+  private readonly up = (event: PointerEvent): void => {
+    this.held.delete(event.pointerId);
   };
+
+  /** Pixels between two fingers. */
+  private spread(): number {
+    const [one, other] = [...this.held.values()];
+    return one && other ? Math.hypot(one[0] - other[0], one[1] - other[1]) : 0;
+  }
 
   private readonly wheel = (event: WheelEvent): void => {
     if (!this.isOn) return;
