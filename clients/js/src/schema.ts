@@ -301,6 +301,31 @@ export interface components {
             h: number;
         };
         /**
+         * HandPlacement
+         * @description What comes of a pose or of pairs.
+         */
+        HandPlacement: {
+            /** @description The pose as it was sent, or as the pairs say. */
+            given: components["schemas"]["PlacedPose"];
+            /** @description Refined by the engine, which searches nowhere else; null without `refine`, and where the scan shows nothing. */
+            refined: components["schemas"]["PlacedPose"] | null;
+            /**
+             * Better
+             * @description Which of both to take: `given` where the refined pose leaves the clicked points, or the scan hardly supports it.
+             * @enum {string}
+             */
+            better: "given" | "refined";
+            /**
+             * Moved M
+             * @description From the given to the refined position.
+             */
+            moved_m: number | null;
+            /** Moved Deg */
+            moved_deg: number | null;
+            /** @description The photo as the batch has it now; changed only by `confirm`. */
+            item: components["schemas"]["BatchItem"];
+        };
+        /**
          * Health
          * @description The whole service.
          */
@@ -645,6 +670,33 @@ export interface components {
             created_at: string;
             /** @description Reason of a failure; null otherwise. */
             error: components["schemas"]["ProblemDocument"] | null;
+        };
+        /**
+         * PlacedPose
+         * @description A pose, and what speaks for it.
+         */
+        PlacedPose: {
+            pose: components["schemas"]["PoseAnswer"];
+            /**
+             * Residuals Px
+             * @description Of each pair: pixels between where the point was clicked and where this pose shows it; null without pairs.
+             */
+            residuals_px: number[] | null;
+            /** Rms Px */
+            rms_px: number | null;
+            /**
+             * Agreement
+             * @description Correlation of the photo with the scan rendered at the pose, -1 to 1; null if unknown.
+             */
+            agreement: number | null;
+            /**
+             * Confidence
+             * @description As in an answer; of pairs by their geometry; 0 if nothing measures it.
+             */
+            confidence: number;
+            accuracy: components["schemas"]["Accuracy"] | null;
+            /** Warnings */
+            warnings: string[];
         };
         /**
          * PoolHealth
@@ -1046,6 +1098,29 @@ export interface components {
             [key: string]: unknown;
         };
         /**
+         * ClickedPair
+         * @description A point of the scan, and where the photo shows it.
+         */
+        ClickedPair: {
+            /**
+             * Pixel
+             * @description Pixels to the right and down from the top left corner of the photo as it is seen (EXIF orientation applied), in its full size.
+             */
+            pixel: [
+                number,
+                number
+            ];
+            /**
+             * Position M
+             * @description The point in the map's own frame.
+             */
+            position_m: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
          * ExpectedMotion
          * @description x_map = rotation · x_camera + position, in the axes of `frame`. Other fields of an answer are ignored.
          */
@@ -1156,6 +1231,44 @@ export interface components {
             heading_deg?: number;
         };
         /**
+         * HandPose
+         * @description The body of `POST /batches/{id}/images/{number}/pose`: a rough pose, or pairs of clicked points.
+         */
+        HandPose: {
+            /**
+             * Map Id
+             * @description Map of the pose; needed only where the batch has searched several.
+             */
+            map_id?: string | null;
+            /** @description A rough pose. */
+            pose?: components["schemas"]["ExpectedPose"] | null;
+            /**
+             * Position Std M
+             * @description Of `pose`: how far off it may be, as standard deviation of each coordinate. Default: 0.5.
+             */
+            position_std_m?: number;
+            /**
+             * Orientation Std Deg
+             * @description Of `pose`: standard deviation of the rotation about each axis. Default: 20.0.
+             */
+            orientation_std_deg?: number;
+            /**
+             * Pairs
+             * @description Instead of `pose`: points clicked in photo and scan. Four or more show mistakes.
+             */
+            pairs?: components["schemas"]["ClickedPair"][] | null;
+            /**
+             * Refine
+             * @description Refine the pose on photo and scan; false: it stays as it is set, or as the pairs say. Default: true.
+             */
+            refine?: boolean;
+            /**
+             * Confirm
+             * @description Store the result: the refined pose, without `refine` the given one. Otherwise nothing is stored. Default: false.
+             */
+            confirm?: boolean;
+        };
+        /**
          * Hints
          * @description Prior knowledge of the caller. Every hint but `prior` narrows the search, and every answer satisfies it.
          */
@@ -1196,7 +1309,7 @@ export interface components {
              * @description 45 by default.
              */
             heading_tolerance_deg?: number | null;
-            /** @description A pose that is tried first, in a query of one map. It narrows nothing and may be wrong: where no answer is sure there, everything is searched. */
+            /** @description A pose that is tried first, in a query of one map. It narrows nothing and may be wrong: where no answer is sure there, everything is searched, unless it is said to be the `only` one. */
             prior?: components["schemas"]["Prior"] | null;
         };
         /**
@@ -1366,6 +1479,11 @@ export interface components {
              * @description Standard deviation of the rotation about each axis; 5 by default. After a known motion: `accuracy` of the answer and 0.1 degrees per metre of the way.
              */
             orientation_std_deg?: number | null;
+            /**
+             * Only
+             * @description Nothing is searched elsewhere: the answer is what fits best there, or, where that does not fit well enough, its first alternative. Default: false.
+             */
+            only?: boolean;
         };
         /**
          * ScanOptions
@@ -1491,6 +1609,12 @@ export interface components {
              * @enum {string}
              */
             status: "localized";
+            /**
+             * Placed By
+             * @description `hand`: a person has placed the photo, see `POST /batches/{id}/images/{number}/pose`. Default: "engine".
+             * @enum {string}
+             */
+            placed_by?: "engine" | "hand";
             /** Map Id */
             map_id: string;
             /** Map Revision */
@@ -1535,7 +1659,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.
@@ -1556,6 +1680,12 @@ export interface components {
              * @enum {string}
              */
             status: "ambiguous";
+            /**
+             * Placed By
+             * @description `hand`: a person has placed the photo, see `POST /batches/{id}/images/{number}/pose`. Default: "engine".
+             * @enum {string}
+             */
+            placed_by?: "engine" | "hand";
             /** Map Id */
             map_id: string;
             /** Map Revision */
@@ -1600,7 +1730,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.
@@ -1621,6 +1751,12 @@ export interface components {
              * @enum {string}
              */
             status: "not_localized";
+            /**
+             * Placed By
+             * @description `hand`: a person has placed the photo, see `POST /batches/{id}/images/{number}/pose`. Default: "engine".
+             * @enum {string}
+             */
+            placed_by?: "engine" | "hand";
             /** Map Id */
             map_id: null;
             /** Map Revision */
@@ -1666,7 +1802,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.

@@ -180,7 +180,7 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
         **batch_overview(record, num_done),
         "counts": {"waiting": num_images - num_done, **{status: counts[status] for status in _STATUSES}},
         "ignored": list(record.ignored[:_MAX_IGNORED]),
-        "items": [_item(record, number, results.get(number)) for number in page],
+        "items": [item_document(record, number, results.get(number)) for number in page],
         "next_cursor": str(page[-1] + 1) if more else None,
     }
 
@@ -206,7 +206,8 @@ async def _made(
     return await while_connected(request, made())
 
 
-def _item(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:
+def item_document(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:
+    """Return an image as a page has it. result: None while there is none."""
     found = result or {"status": "waiting"}
     return {
         "number": number,

@@ -214,7 +214,7 @@ async def test_a_result_that_is_written_anew_while_it_is_read_is_not_worked_out_
     result = (await store.results(batch_id, [0]))[0]
     store.call_when_damaged(told.append)
 
-    def overtaken(of: str, numbers: list[int]) -> dict[int, None]:
+    def overtaken(of: str, numbers: list[int], by_hand: set[int]) -> dict[int, None]:
         """Read a damaged result, which is replaced before the reader can tell."""
         asyncio.run_coroutine_threadsafe(store.put_result(of, 0, result), loop).result(10)
         return dict.fromkeys(numbers)
