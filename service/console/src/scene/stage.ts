@@ -12,6 +12,7 @@ import { type Marker, markerAt } from "./markers.ts";
 import { makePainter } from "./paint/make_painter.ts";
 import type { Painter, StageColors } from "./paint/painter.ts";
 import { decodePhoto } from "./photo.ts";
+import { pickPoint } from "./pick.ts";
 import type { PointChunk } from "./point_decoder.ts";
 
 const OUTSIDE_FOV_DEG = 45;
@@ -24,6 +25,8 @@ const HIDDEN_MS = 300;
 
 export class Stage {
   onMarker: (index: number) => void = () => undefined;
+  /** Where clicks meet the scan, in the world of the renderer, null where they miss it; while this is set, they choose no markers. */
+  onPick: ((at: Vector3 | null) => void) | null = null;
   /** Where somebody who stands looks: counter-clockwise from +x, radians. */
   onLook: (yaw: number) => void = () => undefined;
   private readonly painter: Painter;
@@ -57,6 +60,7 @@ export class Stage {
     this.look = new LookAround(canvas, () => this.turned());
     canvas.addEventListener("pointerdown", this.down);
     canvas.addEventListener("pointerup", this.up);
+    canvas.addEventListener("keydown", this.press);
   }
 
   recolor(colors: StageColors): void {
@@ -154,6 +158,17 @@ export class Stage {
     this.touch();
   }
 
+  /** Return where the scan is under a point of the view (-1..1 both ways), in the world of the renderer; null where there is none. */
+  pick(x: number, y: number): Vector3 | null {
+    const { camera, painter, bounds } = this;
+    camera.updateMatrixWorld();
+    const direction = new V3(x, y, 0.5).unproject(camera).sub(camera.position).normalize().toArray();
+    const far = Math.max(...[bounds.min, bounds.max].map((corner) => camera.position.distanceTo(new V3(...corner)))) + new V3(...bounds.min).distanceTo(new V3(...bounds.max));
+    const pixel = (2 * Math.tan((camera.fov / 360) * Math.PI)) / Math.max(1, this.canvas.clientHeight);
+    const ray = { origin: camera.position.toArray(), direction, near: camera.near, far, cut: this.cut, pixel };
+    return pickPoint(painter.points.chunks, ray, painter.points.widthOf(painter.points.numPoints));
+  }
+
   /** What a test or a measurement asks: where one stands, what was drawn, and with what. */
   state(): { numDrawn: number; numPoints: number; isStill: boolean; isStanding: boolean; renderer: string } {
     return {
@@ -178,6 +193,7 @@ export class Stage {
     this.painter.dispose();
     this.canvas.removeEventListener("pointerdown", this.down);
     this.canvas.removeEventListener("pointerup", this.up);
+    this.canvas.removeEventListener("keydown", this.press);
   }
 
   private fovOf(camera: CameraOfImage): number {
@@ -240,7 +256,17 @@ export class Stage {
     const box = this.canvas.getBoundingClientRect();
     const wasClick = Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) < 5;
     const at: [number, number] = [((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2];
-    const marker = wasClick ? markerAt(this.markers, at, this.camera, this.camera.aspect) : null;
+    this.pressed = null;
+    if (!wasClick) return;
+    if (this.onPick) return this.onPick(this.pick(...at));
+    const marker = markerAt(this.markers, at, this.camera, this.camera.aspect);
     if (marker) this.onMarker(marker.index);
+  };
+
+  /** By keyboard one picks what is in the middle. */
+  private readonly press = (event: KeyboardEvent): void => {
+    if (event.key !== "Enter" || this.onPick === null) return;
+    event.preventDefault();
+    this.onPick(this.pick(0, 0));
   };
 }

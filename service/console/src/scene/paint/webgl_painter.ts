@@ -24,7 +24,7 @@ export class WebglPainter implements Painter {
   private readonly pace = new Pace();
   private readonly markers = new WebglMarkers();
   private readonly starts = new WebglStarts();
-  private points = new ScanPoints(0);
+  points = new ScanPoints(0);
   private cloud = new WebglPoints(this.points);
   private photo: WebglPhoto | null = null;
   private blend = 1;
