@@ -48,6 +48,12 @@ export function pickPoint(chunks: readonly PointChunk[], ray: Ray, width: number
   return surface.reduce((best, each) => (best.aside <= each.aside ? best : each)).at;
 }
 
+/** Return where a ray begins and which way it goes. */
+export function rayBetween(from: Vector3, to: Vector3): Pick<Ray, "origin" | "direction"> {
+  const away = distance(from, to);
+  return { origin: from, direction: to.map((value, axis) => (value - from[axis]!) / away) as Vector3 };
+}
+
 export function distance(a: Vector3, b: Vector3): number {
   return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }

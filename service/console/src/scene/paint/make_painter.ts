@@ -8,8 +8,15 @@ import { rendererOf, WebglPainter } from "./webgl_painter.ts";
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
 /** `?draw=webgl` and `?draw=processor` in the page's address, before the `#`, decide otherwise. */
-export function makePainter(canvas: HTMLCanvasElement, colors: StageColors, wish = new URLSearchParams(location.search).get("draw")): Painter {
-  if (wish === "webgl" || (wish !== "processor" && hasGraphicsProcessor())) {
+const wish = new URLSearchParams(location.search).get("draw");
+let hasOne: boolean | null = null;
+
+export function drawsWithWebgl(): boolean {
+  return wish === "webgl" || (wish !== "processor" && (hasOne ??= hasGraphicsProcessor()));
+}
+
+export function makePainter(canvas: HTMLCanvasElement, colors: StageColors): Painter {
+  if (drawsWithWebgl()) {
     const context = canvas.getContext("webgl2", { antialias: false, alpha: false, powerPreference: "high-performance", preserveDrawingBuffer: true });
     if (context) return new WebglPainter(canvas, context, colors);
     if (wish === "webgl") throw new Error("expected a browser with WebGL 2, as ?draw=webgl asks for; leave that away");
