@@ -1,6 +1,6 @@
 /** What of a view the window has room for. */
 
-import { drawsWithWebgl } from "../scene/paint/make_painter.ts";
+import { drawsWithWebgl } from "../scene/paint/graphics.ts";
 
 const query = window.matchMedia("(max-width: 640px)");
 

@@ -6,6 +6,7 @@ import type { SceneCell } from "../change_tint.ts";
 import type { Marker } from "../markers.ts";
 import type { PointChunk } from "../point_decoder.ts";
 import { ScanPoints } from "../scan_points.ts";
+import { rendererOf } from "./graphics.ts";
 import type { Painter, PlacedPhoto, StageColors, View } from "./painter.ts";
 import { WebglMarkers } from "./webgl_markers.ts";
 import { Pace } from "./webgl_pace.ts";
@@ -138,10 +139,4 @@ export class WebglPainter implements Painter {
     this.renderer.render(this.scene, camera);
     this.numDrawn = last;
   }
-}
-
-/** Return the name of what computes WebGL, as far as the browser tells. */
-export function rendererOf(context: WebGL2RenderingContext): string {
-  const named = context.getExtension("WEBGL_debug_renderer_info");
-  return String(context.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : context.RENDERER));
 }
