@@ -313,6 +313,22 @@ export interface components {
             message: string;
         };
         /**
+         * Floor
+         * @description A floor of the scanned building.
+         */
+        Floor: {
+            /**
+             * Level M
+             * @description Level of the floor in the map's own frame, metres.
+             */
+            level_m: number;
+            /**
+             * Height M
+             * @description Clear height up to the ceiling, metres; null where none was scanned.
+             */
+            height_m: number | null;
+        };
+        /**
          * GeoPose
          * @description OGC GeoPose 1.0, Basic-Quaternion: from camera axes (x forward, y left, z up) to east, north, up.
          */
@@ -650,6 +666,11 @@ export interface components {
              * @description Of the scan's coordinates, if its file names one.
              */
             coordinate_system?: string | null;
+            /**
+             * Floors
+             * @description Floors that were found in the scan, bottom up.
+             */
+            floors?: components["schemas"]["Floor"][];
         };
         /**
          * OpenFlameAnswer
