@@ -28,7 +28,8 @@ class BatchRecord:
     """The request. Times are RFC 3339 in UTC.
 
     map_ids, tag: as in `panoloc.service.maps.selection.MapChoice`. camera: of all images; None: each says so itself.
-    names: of the images, each once, in their order. ignored: files of an archive that are no images by their names.
+    name: for people, "" in records of former releases. answers: ids of answers that the images already have, None for those without; empty
+    where none has one. names: of the images, each once, in their order. ignored: files of an archive that are no images by their names.
     tenant: see `panoloc.service.keys.caller.Caller`.
     """
 
@@ -41,6 +42,8 @@ class BatchRecord:
     names: tuple[str, ...]
     ignored: tuple[str, ...] = ()
     tenant: str | None = None
+    name: str = ""
+    answers: tuple[str | None, ...] = ()
 
 
 BATCH = TypeAdapter(BatchRecord)

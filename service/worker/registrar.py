@@ -22,6 +22,7 @@ from panoloc.core.options import MIN_POINTS
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.storeys import floors_of
 from panoloc.core.scan.unpacking import remove_remains
 from panoloc.core.scan.zip_opening import unpacked_bytes
 from panoloc.service.cache import WorkerCache
@@ -199,7 +200,14 @@ def _stats(cloud: PointCloud, index: MapIndex, index_bytes: int, seconds: dict[s
         "index_bytes": index_bytes,
         "seconds": seconds,
         "coordinate_system": cloud.coordinate_system,
+        "floors": _floors(cloud),
     }
+
+
+def _floors(cloud: PointCloud) -> list[dict[str, Any]]:
+    """Return the floors of a scan, bottom up, metres, in the scan's own frame."""
+    found = (dataclasses.asdict(floor) for floor in floors_of(cloud.positions))
+    return [{**floor, "level_m": floor["level_m"] + float(cloud.origin_offset[2])} for floor in found]
 
 
 def _starts(index: MapIndex) -> list[dict[str, Any]]:

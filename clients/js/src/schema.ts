@@ -68,6 +68,8 @@ export interface components {
         Batch: {
             /** Id */
             id: string;
+            /** Name */
+            name: string;
             /**
              * Status
              * @enum {string}
@@ -147,6 +149,8 @@ export interface components {
         BatchOverview: {
             /** Id */
             id: string;
+            /** Name */
+            name: string;
             /**
              * Status
              * @enum {string}
@@ -244,6 +248,22 @@ export interface components {
             last_changed_at: string;
         };
         /**
+         * Coordinates
+         * @description A position of a map in the systems that are known of it.
+         */
+        Coordinates: {
+            /** Position M */
+            position_m: [
+                number,
+                number,
+                number
+            ];
+            /** @description Null for a map without `coordinate_system`. */
+            grid: components["schemas"]["GridPosition"] | null;
+            /** @description Null for a map without a place on Earth, and outside of its grid. */
+            wgs84: components["schemas"]["EarthPosition"] | null;
+        };
+        /**
          * Diagnostic
          * @description A remark about a scan.
          */
@@ -257,6 +277,24 @@ export interface components {
             severity: "info" | "warning" | "error";
             /** Message */
             message: string;
+        };
+        /**
+         * EarthPosition
+         * @description A position on WGS 84.
+         */
+        EarthPosition: {
+            /** Latitude Deg */
+            latitude_deg: number;
+            /** Longitude Deg */
+            longitude_deg: number;
+            /** Height M */
+            height_m: number;
+            /**
+             * Height Reference
+             * @description What `height_m` is above.
+             * @enum {string}
+             */
+            height_reference: "ellipsoid" | "geoid" | "unknown";
         };
         /**
          * FieldMistake
@@ -273,6 +311,22 @@ export interface components {
              * @example Input should be greater than 0, got -1
              */
             message: string;
+        };
+        /**
+         * Floor
+         * @description A floor of the scanned building.
+         */
+        Floor: {
+            /**
+             * Level M
+             * @description Level of the floor in the map's own frame, metres.
+             */
+            level_m: number;
+            /**
+             * Height M
+             * @description Clear height up to the ceiling, metres; null where none was scanned.
+             */
+            height_m: number | null;
         };
         /**
          * GeoPose
@@ -299,6 +353,22 @@ export interface components {
              * @description Metres above the ellipsoid.
              */
             h: number;
+        };
+        /**
+         * GridPosition
+         * @description A position on the grid of the map's coordinate system, in the unit of that.
+         */
+        GridPosition: {
+            /** Coordinate System */
+            coordinate_system: string;
+            /** Name */
+            name: string;
+            /** East */
+            east: number;
+            /** North */
+            north: number;
+            /** Unit */
+            unit: string;
         };
         /**
          * HandPlacement
@@ -621,6 +691,11 @@ export interface components {
              * @description Of the scan's coordinates, if its file names one.
              */
             coordinate_system?: string | null;
+            /**
+             * Floors
+             * @description Floors that were found in the scan, bottom up.
+             */
+            floors?: components["schemas"]["Floor"][];
         };
         /**
          * OpenFlameAnswer
@@ -946,6 +1021,8 @@ export interface components {
         /**
          * BatchOptions
          * @description The part `options` of `POST /batches`: as for `POST /localize`, but without pictures and sessions.
+         *
+         *     Also the name of the batch, and answers that its images already have.
          */
         BatchOptions: {
             /**
@@ -986,6 +1063,16 @@ export interface components {
              * @description Seconds for the answer, then 504; null: the service's default, which is longer for `paper`.
              */
             timeout_s?: number | null;
+            /**
+             * Name
+             * @description For people; default: the name of the archive or of the images' folder, else the time.
+             */
+            name?: string | null;
+            /**
+             * Answers
+             * @description Ids of answers to `POST /localize` that the parts `image` already have, in their order; null where there is none. Answers that the service still has are kept; the other images are localized.
+             */
+            answers?: (string | null)[] | null;
         };
         /**
          * Camera

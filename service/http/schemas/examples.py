@@ -57,6 +57,17 @@ LOCALIZATION_EXAMPLE = {
     "warnings": [],
     "reasons": [],
 }
+COORDINATES_EXAMPLE = {
+    "position_m": [691520.0, 5334740.0, 521.3],
+    "grid": {
+        "coordinate_system": "EPSG:25832",
+        "name": "ETRS89 / UTM zone 32N",
+        "east": 691520.0,
+        "north": 5334740.0,
+        "unit": "m",
+    },
+    "wgs84": {"latitude_deg": 48.138, "longitude_deg": 11.574, "height_m": 521.3, "height_reference": "unknown"},
+}
 PENDING_EXAMPLE = {"id": _QUERY_ID, "status": "running", "created_at": _CREATED_AT, "error": None}
 MAP_OPTIONS_EXAMPLE = {
     "name": "3rd floor",
@@ -130,6 +141,7 @@ CHANGES_EXAMPLE: dict[str, Any] = {
 }
 _BATCH_OVERVIEW: dict[str, Any] = {
     "id": "batch_7c1d9e2f4a6b8035",
+    "name": "ground floor",
     "status": "queued",
     "created_at": _CREATED_AT,
     "map_ids": [_MAP_ID],

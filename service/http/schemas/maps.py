@@ -161,6 +161,13 @@ class MapLink(ResponseModel):
 MapStatus = Literal["queued", "reading", "indexing", "ready", "failed"]
 
 
+class Floor(ResponseModel):
+    """A floor of the scanned building."""
+
+    level_m: float = Field(description="Level of the floor in the map's own frame, metres.")
+    height_m: float | None = Field(description="Clear height up to the ceiling, metres; null where none was scanned.")
+
+
 class MapStats(ResponseModel):
     """Figures of a finished registration."""
 
@@ -172,6 +179,7 @@ class MapStats(ResponseModel):
     index_bytes: int
     seconds: dict[str, float] = Field(description="Duration of each stage.")
     coordinate_system: str | None = Field(None, description="Of the scan's coordinates, if its file names one.")
+    floors: list[Floor] = Field(default_factory=list, description="Floors that were found in the scan, bottom up.")
 
 
 class Diagnostic(ResponseModel):
