@@ -111,7 +111,8 @@ class Localizer:
             answer = self._for_rig(answer, cameras.rig, result.comparison)
         answer = self._doubts.unless_plain(answer, result.edges_deg)
         answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
-        if answer.status == "not_localized" and hints and hints.prior and result.hypotheses and not result.num_starts:
+        is_left_out = result.hypotheses and not result.num_starts
+        if answer.status == "not_localized" and hints and hints.prior and is_left_out and not hints.prior.is_only:
             # What speaks against it came up when the search had been left out.
             anew = replace(hints, prior=None)
             left_s = None if timeout_s is None else timeout_s - sum(answer.timings_s.values())

@@ -127,7 +127,8 @@ class IndexOptions:
 class PosePrior:
     """Where the caller expects the first camera: `map_from_camera` in the axes of `frame`.
 
-    position_m: (x, y, z), metres. quaternion_xyzw: a unit quaternion. position_std_m, orientation_std_deg: standard deviations.
+    position_m: (x, y, z), metres. quaternion_xyzw: a unit quaternion. position_std_m, orientation_std_deg: standard deviations. is_only:
+    nothing is searched elsewhere, and what fits best there is the answer.
     """
 
     position_m: Vector
@@ -135,6 +136,7 @@ class PosePrior:
     frame: Frame = "ros"
     position_std_m: float = 0.3
     orientation_std_deg: float = 5.0
+    is_only: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class Hints:
     region: ((min x, y, z), (max x, y, z)) in the map's own frame, metres.
     upright: the camera is level within `max_tilt_deg`.
     heading_deg: yaw of the image centre, counter-clockwise about z from +x, within `heading_tolerance_deg`.
-    prior: is looked at first, in a query of one map; it may be wrong, for then everything is searched.
+    prior: is looked at first, in a query of one map; it may be wrong, for then everything is searched, unless it is the only one.
     """
 
     position_m: Vector | None = None
@@ -159,8 +161,13 @@ class Hints:
 
     @property
     def is_narrowing(self) -> bool:
-        """Return whether there is any hint that the answer may not exceed."""
-        return replace(self, prior=None) != Hints()
+        """Return whether there is any hint that the answer may not exceed, or a prior beside which nothing is searched."""
+        return replace(self, prior=None) != Hints() or self.has_only_prior
+
+    @property
+    def has_only_prior(self) -> bool:
+        """Return whether nothing is searched beside the prior."""
+        return self.prior is not None and self.prior.is_only
 
     @property
     def most_tilt_deg(self) -> float | None:

@@ -13,6 +13,7 @@ Reason = Literal[
     "name_fewer_maps",
     "not_kept",
     "nothing_in_reach",
+    "placed_by_hand",
     "places_look_alike",
     "regions_ignored",
     "turn_more",

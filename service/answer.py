@@ -13,6 +13,7 @@ from panoloc.core.camera.camera import CameraModel
 from panoloc.core.options import Frame, Status
 from panoloc.core.remarks import Reason, Remark
 
+PlacedBy = Literal["engine", "hand"]
 Document = dict[str, Any]
 """A JSON object, as it is stored or sent."""
 
@@ -125,6 +126,9 @@ class Localization(ResponseModel):
 
     id: str
     status: Status
+    placed_by: PlacedBy = Field(
+        "engine", description="`hand`: a person has placed the photo, see `POST /batches/{id}/images/{number}/pose`."
+    )
     map_id: str | None
     map_revision: int | None
     pose: PoseAnswer | None = Field(description="Of the first image.")

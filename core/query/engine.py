@@ -1,7 +1,8 @@
 """The engine. The order of the steps of a query is written here and nowhere else:
 
 prepare → refine and judge where the caller expects the rig
-→ unless that is sure, for each round: propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
+→ unless that is sure, or the caller wants nothing else, for each round:
+  propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
 → the same for aliases of the best pose, and for other focal lengths.
 """
 
@@ -32,14 +33,16 @@ class Engine:
 
         Their poses are those of the rig's axes.
         """
-        rig = self._guessed(rig, maps, hints, clock)
+        is_only = hints is not None and hints.has_only_prior
+        if not is_only:
+            rig = self._guessed(rig, maps, hints, clock)
         with clock.stage("prepare"):
             queries = prepare_queries(rig, maps, hints, self.config)
         contest = Contest(rig, queries, self.config, clock)
         num_starts, num_poses = 0, 0
         if not self._is_where_expected(queries, hints, contest):
             num_starts, num_poses = self._search(queries, contest, clock)
-        if self.is_answer(contest):
+        if self.is_answer(contest) and not is_only:
             with clock.stage("search"):
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
             if aliases:
@@ -59,10 +62,13 @@ class Engine:
         )
 
     def _is_where_expected(self, queries: Sequence[MapQuery], hints: Hints | None, contest: Contest) -> bool:
-        """Return whether an answer is sure that the caller expects: then nothing is searched."""
+        """Return whether an answer is sure that the caller expects, or he wants no other: then nothing is searched."""
         if hints is None or hints.prior is None or len(queries) != 1:
             return False
         contest.most_margin = self.config.prior.margin
+        if hints.prior.is_only:
+            contest.add(poses_of_prior(queries[0], hints.prior))
+            return True
         # The last steps take the most time; what fits badly before them is not sure after them.
         if contest.add_promising(poses_of_prior(queries[0], hints.prior), self.confidence) and self.is_sure(contest):
             return True

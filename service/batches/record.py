@@ -1,12 +1,13 @@
 """One batch: the request, as it is stored; and the result of each image.
 
 In storage: `batches/{id}/batch.json`, written once, last of all that an upload brings; `images/00000` and so on;
-`results/00000.json` as each image is done. All but images contain their own digest, see
-`panoloc.service.storage.sealed_json`.
+`results/00000.json` as each image is done; and beside its result, of one that a person has placed,
+`by_hand/00000.json`. All but images contain their own digest, see `panoloc.service.storage.sealed_json`.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter
@@ -27,7 +28,8 @@ class BatchRecord:
     """The request. Times are RFC 3339 in UTC.
 
     map_ids, tag: as in `panoloc.service.maps.selection.MapChoice`. camera: of all images; None: each says so itself.
-    names: of the images, each once, in their order. ignored: files of an archive that are no images by their names.
+    name: for people, "" in records of former releases. answers: ids of answers that the images already have, None for those without; empty
+    where none has one. names: of the images, each once, in their order. ignored: files of an archive that are no images by their names.
     tenant: see `panoloc.service.keys.caller.Caller`.
     """
 
@@ -40,6 +42,8 @@ class BatchRecord:
     names: tuple[str, ...]
     ignored: tuple[str, ...] = ()
     tenant: str | None = None
+    name: str = ""
+    answers: tuple[str | None, ...] = ()
 
 
 BATCH = TypeAdapter(BatchRecord)
@@ -62,6 +66,10 @@ def _record_key(batch_id: str) -> str:
 
 def _result_key(batch_id: str, number: int) -> str:
     return f"{folder_of(batch_id)}/results/{number:05}.json"
+
+
+def _by_hand_key(batch_id: str, number: int) -> str:
+    return f"{folder_of(batch_id)}/by_hand/{number:05}.json"
 
 
 class StoredBatches:
@@ -94,18 +102,24 @@ class StoredBatches:
 
     def numbers_done(self, batch_id: str) -> set[int]:
         """Return the numbers of the images with a result."""
-        return {int(name.removesuffix(".json")) for name in self._storage.names(f"{folder_of(batch_id)}/results")}
+        return self._numbers(batch_id, "results")
 
-    def read_results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result | None]:
-        """Return results; None for one that is damaged or gone."""
+    def numbers_by_hand(self, batch_id: str) -> set[int]:
+        """Return the numbers of the images that a person has placed."""
+        return self._numbers(batch_id, "by_hand")
+
+    def read_results(
+        self, batch_id: str, numbers: Iterable[int], by_hand: Container[int] = ()
+    ) -> dict[int, Result | None]:
+        """Return results; None for one that is damaged or gone. by_hand: numbers of those that are read as a person has placed them."""
         wanted = list(numbers)
 
         def read(number: int) -> Result | None:
-            key = _result_key(batch_id, number)
-            try:
-                return unseal(RESULT, self._storage.read(key), key)
-            except (StoredFileDamagedError, StoredFileMissingError):
-                return None
+            by_whom = [_by_hand_key] if number in by_hand else []
+            for key in (key_of(batch_id, number) for key_of in (*by_whom, _result_key)):
+                with suppress(StoredFileDamagedError, StoredFileMissingError):
+                    return unseal(RESULT, self._storage.read(key), key)
+            return None
 
         with ThreadPoolExecutor(_AT_A_TIME) as threads:
             return dict(zip(wanted, threads.map(read, wanted), strict=True))
@@ -113,3 +127,14 @@ class StoredBatches:
     def put_result(self, batch_id: str, number: int, result: Result) -> None:
         """Store the result of an image."""
         self._storage.replace(_result_key(batch_id, number), seal(RESULT, result))
+
+    def put_by_hand(self, batch_id: str, number: int, result: Result | None) -> None:
+        """Store where a person has placed an image; None: forget it."""
+        key = _by_hand_key(batch_id, number)
+        if result is None:
+            self._storage.delete(key)
+        else:
+            self._storage.replace(key, seal(RESULT, result))
+
+    def _numbers(self, batch_id: str, folder: str) -> set[int]:
+        return {int(name.removesuffix(".json")) for name in self._storage.names(f"{folder_of(batch_id)}/{folder}")}

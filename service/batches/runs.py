@@ -15,7 +15,13 @@ from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.image.image_header import IMAGE, open_image
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.batches.store import BatchStore
-from panoloc.service.errors import EXPECTED_ERRORS, StorageAwayError, TryAgainError
+from panoloc.service.errors import (
+    EXPECTED_ERRORS,
+    CacheDownError,
+    LocalizationNotFoundError,
+    StorageAwayError,
+    TryAgainError,
+)
 from panoloc.service.jobs import QueryImage, Result, WorkerPool
 from panoloc.service.localizations import Localizations, LocalizeRequest
 from panoloc.service.maps.selection import MapChoice
@@ -149,6 +155,8 @@ class BatchRuns:
 
         A deadline may pass because the index of the map is rebuilt after a restart: a later try finds it.
         """
+        if (known := await self._known_answer(record, number)) is not None:
+            return known
         data = await _persistently(lambda: self._store.image(record.id, number), "an image cannot be read", _MAX_READS)
         open_image(data, IMAGE, self._max_pixels)
         image = QueryImage(data, camera=record.camera)
@@ -166,6 +174,16 @@ class BatchRuns:
             except TryAgainError as error:
                 _log.warning("an image of a batch is retried", number=number, error=str(error))
                 await asyncio.sleep(min(max(error.retry_after_s, _POLL_S), _LONGEST_PAUSE_S))
+
+    async def _known_answer(self, record: BatchRecord, number: int) -> dict[str, Any] | None:
+        """Return the answer that an image came with, None where the service does not have it any more."""
+        if not record.answers or (answer_id := record.answers[number]) is None:
+            return None
+        try:
+            found = await self._localizations.get(answer_id)
+        except (LocalizationNotFoundError, CacheDownError):
+            return None
+        return found if found["status"] in ("localized", "ambiguous", "not_localized") else None
 
 
 async def _persistently(work: Callable[[], Awaitable[_T]], what: str, max_tries: int | None = None) -> _T:

@@ -6,7 +6,7 @@ The only writer of either; where other processes share the storage, one of them 
 import asyncio
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,8 @@ _ID = re.compile(r"batch_[0-9a-f]{16}")
 class _Batch:
     """done: numbers of images with a result. statuses: of those results that were read or written here.
 
-    damaged: images whose stored result cannot be used. num_written: results that this process has written.
+    damaged: images whose stored result cannot be used. num_written: results that this process has written. by_hand: numbers of images that
+    a person has placed.
     """
 
     record: BatchRecord
@@ -38,6 +39,7 @@ class _Batch:
     statuses: dict[int, str] = field(default_factory=dict)
     damaged: set[int] = field(default_factory=set)
     num_written: int = 0
+    by_hand: set[int] = field(default_factory=set)
 
 
 class BatchStore:
@@ -166,6 +168,7 @@ class BatchStore:
             listed = await asyncio.to_thread(self._files.numbers_done, batch_id)
             if (batch := self._batches.get(batch_id)) is not None:
                 batch.done |= listed - batch.damaged
+                batch.by_hand = await asyncio.to_thread(self._files.numbers_by_hand, batch_id)
         return set(self._batches[batch_id].done) if batch_id in self._batches else set()
 
     async def counts(self, batch_id: str) -> Counter[str]:
@@ -176,13 +179,15 @@ class BatchStore:
                 return Counter()
             for number, result in (await self._read(batch, done - batch.statuses.keys())).items():
                 batch.statuses.setdefault(number, result["status"])
-            return Counter(batch.statuses.values())
+            return Counter("localized" if each in batch.by_hand else batch.statuses[each] for each in batch.statuses)
 
     async def results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result]:
         """Return the results of those images that have one; a damaged one is none, and its image localized again."""
         done = await self.done(batch_id)
         batch = self._batches.get(batch_id)
-        return {} if batch is None else await self._read(batch, [number for number in numbers if number in done])
+        if batch is None:
+            return {}
+        return await self._read(batch, [number for number in numbers if number in done], batch.by_hand)
 
     async def put_result(self, batch_id: str, number: int, result: Result) -> None:
         """Store the result of an image; to its end, so that nothing is written after a batch is deleted."""
@@ -195,6 +200,16 @@ class BatchStore:
             batch.done.add(number)
             batch.statuses[number] = result["status"]
             batch.damaged.discard(number)
+        await self._publish(batch_id)
+
+    async def put_by_hand(self, batch_id: str, number: int, result: Result | None) -> None:
+        """Show an image where a person has placed it; None: as its own result has it, again."""
+        async with self._locks.held(_lock_of(batch_id)):
+            if self._locks.is_shared:
+                await self.refresh_one(batch_id)
+            batch = self._batches[self.get(batch_id).id]
+            await uninterrupted(asyncio.to_thread(self._files.put_by_hand, batch_id, number, result))
+        batch.by_hand = batch.by_hand - {number} if result is None else batch.by_hand | {number}
         await self._publish(batch_id)
 
     async def image(self, batch_id: str, number: int) -> bytes:
@@ -219,18 +234,21 @@ class BatchStore:
         """Read a batch that is not known; return False where it is none, but an upload that was to become one."""
         try:
             record = await asyncio.to_thread(self._files.read, batch_id)
-            done = set() if record is None else await asyncio.to_thread(self._files.numbers_done, batch_id)
+            done, by_hand = set[int](), set[int]()
+            if record is not None:
+                done = await asyncio.to_thread(self._files.numbers_done, batch_id)
+                by_hand = await asyncio.to_thread(self._files.numbers_by_hand, batch_id)
         except StorageError as error:
             _log.error("a batch is skipped, because its record cannot be read", batch_id=batch_id, error=str(error))
             return True
         if record is not None and batch_id not in self._batches and batch_id not in self._deleted:
-            self._batches[batch_id] = _Batch(record, done)
+            self._batches[batch_id] = _Batch(record, done, by_hand=by_hand)
         return record is not None
 
-    async def _read(self, batch: _Batch, numbers: Iterable[int]) -> dict[int, Result]:
-        """Return results; where one is damaged, its image waits again."""
+    async def _read(self, batch: _Batch, numbers: Iterable[int], by_hand: Container[int] = ()) -> dict[int, Result]:
+        """Return results; where one is damaged, its image waits again. by_hand: as of `StoredBatches.read_results`."""
         batch_id, num_written = batch.record.id, batch.num_written
-        found = await asyncio.to_thread(self._files.read_results, batch_id, numbers)
+        found = await asyncio.to_thread(self._files.read_results, batch_id, numbers, by_hand)
         damaged = {number for number, result in found.items() if result is None} - batch.damaged
         # One that was written meanwhile may be as it should be: the next reader finds out.
         if damaged and batch.num_written == num_written and self._batches.get(batch_id) is batch:

@@ -167,13 +167,22 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         turn.
         """
         deadline_s = (options or {}).get("timeout_s")
-        fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
-        fields |= {"tag": tag} if tag else {}
-        fields |= {"options": json.dumps(options)} if options else {}
         files = [("image", path, progress) for path in _paths_of(images)]
         files += [("mask", path, None) for path in _paths_of(mask)]
         wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
-        return self._answer(self._upload("/localize", files, fields, wait_s))
+        return self._answer(self._upload("/localize", files, _fields(map_ids, tag, options), wait_s))
+
+    def make_batch(
+        self,
+        images: Sequence[tuple[str, Path]],
+        map_ids: Sequence[str] = (),
+        tag: str | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> JsonObject:
+        """Send images, each under a name, as a batch that the service keeps, and return it. options: as for `POST /batches`."""
+        files: list[tuple[str, Path, UploadProgress | None]] = [("image", path, None) for _, path in images]
+        names = [name for name, _ in images]
+        return self._upload("/batches", files, _fields(map_ids, tag, options), UPLOAD_READ_TIMEOUT_S, names)
 
     def fetch(self, path: str) -> bytes:
         """Return the body at a path of the service, such as the link of a score map."""
@@ -204,13 +213,14 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         files: Sequence[tuple[str, Path, UploadProgress | None]],
         fields: Mapping[str, Any],
         wait_s: float | None,
+        names: Sequence[str] | None = None,
     ) -> JsonObject:
-        """Post files as parts of a form. wait_s: for the answer; None: without a limit."""
+        """Post files as parts of a form. wait_s: for the answer; None: without a limit. names: default: those of the files."""
         with ExitStack() as stack:
             parts = []
-            for part, file, progress in files:
+            for (part, file, progress), given in zip(files, names or [path.name for _, path, _ in files], strict=True):
                 # Bytes of a name that are not UTF-8 become question marks.
-                name = file.name.encode("utf-8", "replace").decode()
+                name = given.encode("utf-8", "replace").decode()
                 opened = stack.enter_context(ProgressFile(file, progress))
                 parts.append((part, (name, opened, *(["application/octet-stream"] if part == "file" else []))))
             timeout = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
@@ -247,6 +257,12 @@ class JsonClient(BaseClient[JsonObject, JsonObject]):
 
     def _answer(self, document: JsonObject) -> JsonObject:
         return document
+
+
+def _fields(map_ids: Sequence[str], tag: str | None, options: Mapping[str, Any] | None) -> JsonObject:
+    fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
+    fields |= {"tag": tag} if tag else {}
+    return fields | ({"options": json.dumps(options)} if options else {})
 
 
 def _paths_of(given: Path | Sequence[Path] | None) -> Sequence[Path]:

@@ -11,6 +11,7 @@ from pydantic.json_schema import models_json_schema
 from panoloc.service.answer import BY_STATUS, Localization
 from panoloc.service.http.schemas.batches import BatchOptions
 from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
+from panoloc.service.http.schemas.hand_poses import HandPose
 from panoloc.service.http.schemas.maps import LinkRequest, MapOptions, MapPatch, ScanOptions
 from panoloc.service.http.schemas.operations import ProblemDocument
 from panoloc.service.http.schemas.queries import LocalizeOptions
@@ -28,6 +29,7 @@ _MODELS: tuple[type[BaseModel], ...] = (
     LinkRequest,
     LocalizeOptions,
     BatchOptions,
+    HandPose,
     GeoPoseRequest,
     GeoPoseReply,
 )

@@ -11,8 +11,8 @@ from typing import Literal
 NAME = "audit.jsonl"
 
 Change = Literal[
-    "map registered", "map changed", "scan replaced", "map deleted", "batch made", "batch deleted", "key made",
-    "key revoked",
+    "map registered", "map changed", "scan replaced", "map deleted", "batch made", "batch deleted", "photo placed",
+    "key made", "key revoked",
 ]  # fmt: skip
 
 _log = logging.getLogger(__name__)

@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.rig import Photo
-from panoloc.core.earth.geopose import geopose_of
-from panoloc.core.earth.georeference import coordinate_system
-from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Candidate, Localization
 from panoloc.service import answer
@@ -21,13 +18,13 @@ from panoloc.service.answer import (
     Accuracy,
     Alternative,
     Change,
-    GeoPose,
     ImageAnswer,
     ImageCamera,
     PoseAnswer,
     RigidMotion,
 )
 from panoloc.service.jobs import ARTIFACTS, LocalizeJob
+from panoloc.service.poses import PlaceOnEarth, geopose, motion, pose_answer
 
 _ACCURACY_LEVEL = 0.68
 # Small enough to keep for weeks, coarse enough that several answers agree.
@@ -60,7 +57,7 @@ def answer_of(
         pose=best and _pose(best, job),
         map_from_session=best and _map_from_session(found, best, job),
         images=_images(found, photos, job),
-        geopose=best and _geopose(best, job),
+        geopose=best and geopose(best.pose, _place(best, job)),
         confidence=found.best.confidence if found.best else 0.0,
         accuracy=best
         and Accuracy(
@@ -101,57 +98,18 @@ def json_safe(value: Any) -> Any:
 
 
 def _pose(candidate: Candidate, job: LocalizeJob) -> PoseAnswer:
-    """Return a pose with rotations about its axes, and the same angles in photographers' terms."""
-    yaw_deg, pitch_deg, roll_deg = (math.degrees(angle) for angle in candidate.pose.yaw_pitch_roll)
-    north_deg = _north_deg(candidate, job)
-    return PoseAnswer(
-        frame=job.options.frame,
-        map_from_camera=_motion(candidate.pose.in_frame(job.options.frame)),
-        yaw_deg=yaw_deg,
-        pitch_deg=pitch_deg,
-        roll_deg=roll_deg,
-        heading_deg=round((90.0 - yaw_deg + (north_deg or 0.0)) % 360.0, 9) % 360.0,
-        elevation_deg=0.0 - pitch_deg,
-        camera_roll_deg=roll_deg,
-        north="map" if north_deg is None else "true",
-    )
+    return pose_answer(candidate.pose, job.options.frame, _place(candidate, job))
 
 
-def _motion(pose: Pose) -> RigidMotion:
-    position, quaternion = pose.position.tolist(), pose.quaternion_xyzw.tolist()
-    return RigidMotion(
-        position_m=answer.Position(**dict(zip("xyz", position, strict=True))),
-        quaternion=answer.Quaternion(**dict(zip("xyzw", quaternion, strict=True))),
-        matrix=pose.matrix.tolist(),
-    )
-
-
-def _north_deg(candidate: Candidate, job: LocalizeJob) -> float | None:
-    """Return the heading of the map's y axis at a pose, clockwise from true north; None where it is unknown."""
-    georeference = job.georeferences.get(job.maps[candidate.map_position].id)
-    if georeference is None:
-        return None
-    if "coordinate_system" not in georeference:
-        return float(georeference["heading_deg"])
-    x, y, z = candidate.pose.position.tolist()
-    place = coordinate_system(georeference["coordinate_system"]).place((x, y, z))
-    return None if place is None else place.convergence_deg
-
-
-def _geopose(candidate: Candidate, job: LocalizeJob) -> GeoPose | None:
-    """Return the GeoPose of a pose; None where the map's place, or its height above the ellipsoid, is unknown."""
-    georeference = job.georeferences.get(job.maps[candidate.map_position].id)
-    if georeference is None:
-        return None
-    found = geopose_of(georeference, candidate.pose)
-    return None if found is None else GeoPose.model_validate(found)
+def _place(candidate: Candidate, job: LocalizeJob) -> PlaceOnEarth | None:
+    return job.georeferences.get(job.maps[candidate.map_position].id)
 
 
 def _map_from_session(found: Localization, best: Candidate, job: LocalizeJob) -> RigidMotion:
     """Return `map_from_session` in the axes of the query. A single camera without a pose is its own session."""
     if job.images[0].session_from_camera is not None and found.map_from_session is not None:
-        return _motion(found.map_from_session.between_worlds(job.options.frame))
-    return _motion(best.pose.in_frame(job.options.frame))
+        return motion(found.map_from_session.between_worlds(job.options.frame))
+    return motion(best.pose.in_frame(job.options.frame))
 
 
 def _images(found: Localization, photos: Sequence[Photo], job: LocalizeJob) -> list[ImageAnswer]:

@@ -56,6 +56,13 @@ def test_where_an_answer_from_a_prior_is_refused_after_all_everything_is_searche
     assert found.search.num_starts > 0
 
 
+def test_beside_the_only_prior_nothing_is_searched_even_where_nothing_fits_there() -> None:
+    prior = known(expected(moved(POSE, (2.0, -1.0, 0.0), 120.0)).prior)
+    found = localized(panorama(), hints=Hints(prior=replace(prior, is_only=True)))
+    assert (found.status, found.search.num_starts, found.search.num_poses) == ("not_localized", 0, 0)
+    assert np.linalg.norm(best_of(found).pose.position - prior.position_m) < 1.5
+
+
 @pytest.mark.slow
 def test_an_uncertain_prior_is_looked_at_from_several_sides() -> None:
     prior = expected(moved(POSE, (0.7, -0.5, 0.0), 8.0)).prior

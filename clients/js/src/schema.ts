@@ -68,6 +68,8 @@ export interface components {
         Batch: {
             /** Id */
             id: string;
+            /** Name */
+            name: string;
             /**
              * Status
              * @enum {string}
@@ -147,6 +149,8 @@ export interface components {
         BatchOverview: {
             /** Id */
             id: string;
+            /** Name */
+            name: string;
             /**
              * Status
              * @enum {string}
@@ -244,6 +248,22 @@ export interface components {
             last_changed_at: string;
         };
         /**
+         * Coordinates
+         * @description A position of a map in the systems that are known of it.
+         */
+        Coordinates: {
+            /** Position M */
+            position_m: [
+                number,
+                number,
+                number
+            ];
+            /** @description Null for a map without `coordinate_system`. */
+            grid: components["schemas"]["GridPosition"] | null;
+            /** @description Null for a map without a place on Earth, and outside of its grid. */
+            wgs84: components["schemas"]["EarthPosition"] | null;
+        };
+        /**
          * Diagnostic
          * @description A remark about a scan.
          */
@@ -257,6 +277,24 @@ export interface components {
             severity: "info" | "warning" | "error";
             /** Message */
             message: string;
+        };
+        /**
+         * EarthPosition
+         * @description A position on WGS 84.
+         */
+        EarthPosition: {
+            /** Latitude Deg */
+            latitude_deg: number;
+            /** Longitude Deg */
+            longitude_deg: number;
+            /** Height M */
+            height_m: number;
+            /**
+             * Height Reference
+             * @description What `height_m` is above.
+             * @enum {string}
+             */
+            height_reference: "ellipsoid" | "geoid" | "unknown";
         };
         /**
          * FieldMistake
@@ -315,6 +353,47 @@ export interface components {
              * @description Metres above the ellipsoid.
              */
             h: number;
+        };
+        /**
+         * GridPosition
+         * @description A position on the grid of the map's coordinate system, in the unit of that.
+         */
+        GridPosition: {
+            /** Coordinate System */
+            coordinate_system: string;
+            /** Name */
+            name: string;
+            /** East */
+            east: number;
+            /** North */
+            north: number;
+            /** Unit */
+            unit: string;
+        };
+        /**
+         * HandPlacement
+         * @description What comes of a pose or of pairs.
+         */
+        HandPlacement: {
+            /** @description The pose as it was sent, or as the pairs say. */
+            given: components["schemas"]["PlacedPose"];
+            /** @description Refined by the engine, which searches nowhere else; null without `refine`, and where the scan shows nothing. */
+            refined: components["schemas"]["PlacedPose"] | null;
+            /**
+             * Better
+             * @description Which of both to take: `given` where the refined pose leaves the clicked points, or the scan hardly supports it.
+             * @enum {string}
+             */
+            better: "given" | "refined";
+            /**
+             * Moved M
+             * @description From the given to the refined position.
+             */
+            moved_m: number | null;
+            /** Moved Deg */
+            moved_deg: number | null;
+            /** @description The photo as the batch has it now; changed only by `confirm`. */
+            item: components["schemas"]["BatchItem"];
         };
         /**
          * Health
@@ -668,6 +747,33 @@ export interface components {
             error: components["schemas"]["ProblemDocument"] | null;
         };
         /**
+         * PlacedPose
+         * @description A pose, and what speaks for it.
+         */
+        PlacedPose: {
+            pose: components["schemas"]["PoseAnswer"];
+            /**
+             * Residuals Px
+             * @description Of each pair: pixels between where the point was clicked and where this pose shows it; null without pairs.
+             */
+            residuals_px: number[] | null;
+            /** Rms Px */
+            rms_px: number | null;
+            /**
+             * Agreement
+             * @description Correlation of the photo with the scan rendered at the pose, -1 to 1; null if unknown.
+             */
+            agreement: number | null;
+            /**
+             * Confidence
+             * @description As in an answer; of pairs by their geometry; 0 if nothing measures it.
+             */
+            confidence: number;
+            accuracy: components["schemas"]["Accuracy"] | null;
+            /** Warnings */
+            warnings: string[];
+        };
+        /**
          * PoolHealth
          * @description The workers.
          */
@@ -915,6 +1021,8 @@ export interface components {
         /**
          * BatchOptions
          * @description The part `options` of `POST /batches`: as for `POST /localize`, but without pictures and sessions.
+         *
+         *     Also the name of the batch, and answers that its images already have.
          */
         BatchOptions: {
             /**
@@ -955,6 +1063,16 @@ export interface components {
              * @description Seconds for the answer, then 504; null: the service's default, which is longer for `paper`.
              */
             timeout_s?: number | null;
+            /**
+             * Name
+             * @description For people; default: the name of the archive or of the images' folder, else the time.
+             */
+            name?: string | null;
+            /**
+             * Answers
+             * @description Ids of answers to `POST /localize` that the parts `image` already have, in their order; null where there is none. Answers that the service still has are kept; the other images are localized.
+             */
+            answers?: (string | null)[] | null;
         };
         /**
          * Camera
@@ -1067,6 +1185,29 @@ export interface components {
             [key: string]: unknown;
         };
         /**
+         * ClickedPair
+         * @description A point of the scan, and where the photo shows it.
+         */
+        ClickedPair: {
+            /**
+             * Pixel
+             * @description Pixels to the right and down from the top left corner of the photo as it is seen (EXIF orientation applied), in its full size.
+             */
+            pixel: [
+                number,
+                number
+            ];
+            /**
+             * Position M
+             * @description The point in the map's own frame.
+             */
+            position_m: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
          * ExpectedMotion
          * @description x_map = rotation · x_camera + position, in the axes of `frame`. Other fields of an answer are ignored.
          */
@@ -1177,6 +1318,44 @@ export interface components {
             heading_deg?: number;
         };
         /**
+         * HandPose
+         * @description The body of `POST /batches/{id}/images/{number}/pose`: a rough pose, or pairs of clicked points.
+         */
+        HandPose: {
+            /**
+             * Map Id
+             * @description Map of the pose; needed only where the batch has searched several.
+             */
+            map_id?: string | null;
+            /** @description A rough pose. */
+            pose?: components["schemas"]["ExpectedPose"] | null;
+            /**
+             * Position Std M
+             * @description Of `pose`: how far off it may be, as standard deviation of each coordinate. Default: 0.5.
+             */
+            position_std_m?: number;
+            /**
+             * Orientation Std Deg
+             * @description Of `pose`: standard deviation of the rotation about each axis. Default: 20.0.
+             */
+            orientation_std_deg?: number;
+            /**
+             * Pairs
+             * @description Instead of `pose`: points clicked in photo and scan. Four or more show mistakes.
+             */
+            pairs?: components["schemas"]["ClickedPair"][] | null;
+            /**
+             * Refine
+             * @description Refine the pose on photo and scan; false: it stays as it is set, or as the pairs say. Default: true.
+             */
+            refine?: boolean;
+            /**
+             * Confirm
+             * @description Store the result: the refined pose, without `refine` the given one. Otherwise nothing is stored. Default: false.
+             */
+            confirm?: boolean;
+        };
+        /**
          * Hints
          * @description Prior knowledge of the caller. Every hint but `prior` narrows the search, and every answer satisfies it.
          */
@@ -1217,7 +1396,7 @@ export interface components {
              * @description 45 by default.
              */
             heading_tolerance_deg?: number | null;
-            /** @description A pose that is tried first, in a query of one map. It narrows nothing and may be wrong: where no answer is sure there, everything is searched. */
+            /** @description A pose that is tried first, in a query of one map. It narrows nothing and may be wrong: where no answer is sure there, everything is searched, unless it is said to be the `only` one. */
             prior?: components["schemas"]["Prior"] | null;
         };
         /**
@@ -1387,6 +1566,11 @@ export interface components {
              * @description Standard deviation of the rotation about each axis; 5 by default. After a known motion: `accuracy` of the answer and 0.1 degrees per metre of the way.
              */
             orientation_std_deg?: number | null;
+            /**
+             * Only
+             * @description Nothing is searched elsewhere: the answer is what fits best there, or, where that does not fit well enough, its first alternative. Default: false.
+             */
+            only?: boolean;
         };
         /**
          * ScanOptions
@@ -1512,6 +1696,12 @@ export interface components {
              * @enum {string}
              */
             status: "localized";
+            /**
+             * Placed By
+             * @description `hand`: a person has placed the photo, see `POST /batches/{id}/images/{number}/pose`. Default: "engine".
+             * @enum {string}
+             */
+            placed_by?: "engine" | "hand";
             /** Map Id */
             map_id: string;
             /** Map Revision */
@@ -1556,7 +1746,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.
@@ -1577,6 +1767,12 @@ export interface components {
              * @enum {string}
              */
             status: "ambiguous";
+            /**
+             * Placed By
+             * @description `hand`: a person has placed the photo, see `POST /batches/{id}/images/{number}/pose`. Default: "engine".
+             * @enum {string}
+             */
+            placed_by?: "engine" | "hand";
             /** Map Id */
             map_id: string;
             /** Map Revision */
@@ -1621,7 +1817,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.
@@ -1642,6 +1838,12 @@ export interface components {
              * @enum {string}
              */
             status: "not_localized";
+            /**
+             * Placed By
+             * @description `hand`: a person has placed the photo, see `POST /batches/{id}/images/{number}/pose`. Default: "engine".
+             * @enum {string}
+             */
+            placed_by?: "engine" | "hand";
             /** Map Id */
             map_id: null;
             /** Map Revision */
@@ -1687,7 +1889,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.

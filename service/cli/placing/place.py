@@ -27,6 +27,7 @@ from panoloc.service.cli.placing.export import (
     formats_of,
     show_refusals,
 )
+from panoloc.service.cli.placing.kept_batch import keep
 from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused, is_final
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, ProcessFailedError, run_module
 from panoloc.service.cli.progress import counts_text, show_counts
@@ -40,7 +41,7 @@ from panoloc.service.cli.query_options import (
     check_map_choice,
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from panoloc.service.client import ApiProblemError, JsonClient, JsonObject, UnreachableError
+from panoloc.service.client import ApiProblemError, ClientError, JsonClient, JsonObject, UnreachableError
 from panoloc.service.jobs import QueryOptions, Result
 
 # Statuses about the key or the map: every other photo would fail in the same way.
@@ -68,6 +69,9 @@ def place(
     upright: UprightOption = False,
     hfov: HfovOption = None,
     method: MethodOption = QueryOptions.method,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the batch that the console shows; default: that of FOLDER.")
+    ] = None,
     parallel: Annotated[int, typer.Option(min=1, max=32, help="Number of photos sent in parallel.")] = 2,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
@@ -86,6 +90,7 @@ def place(
         check_on_earth(formats, maps)
         with PlaceFolder.held(out, question) as folder:
             placed, codes = _Placing(session, client, folder).run(parallel)
+            _keep(session, client, folder, name or photos.resolve().stem)
             pictures = placed.draw_overviews(out)
             written = placed.write_exports(formats, include_ambiguous, out)
     for path in (*pictures.paths, *written.paths):
@@ -111,6 +116,15 @@ def _folder_of_photos(given: Path, out: Path) -> Path:
             f"({found['num_others']} others); export the images with the scanner's software, and pass their folder"
         )
     return folder
+
+
+def _keep(session: Session, client: JsonClient, folder: PlaceFolder, name: str) -> None:
+    """Make batches of what was placed. That they cannot be made, as where there are too many, does not fail the run."""
+    try:
+        for batch in keep(client, folder, name):
+            session.messages.print(f"kept as batch {batch['id']}, {batch['name']!r} in the console", markup=False)
+    except ClientError as error:
+        session.messages.print(f"not kept as a batch, so the console does not show the photos: {error}", markup=False)
 
 
 def _wrong_folder(message: str) -> typer.BadParameter:

@@ -1,7 +1,7 @@
 """The folder that `panoloc place` works in: the question, and the result of each photo as soon as it is known.
 
 place.json              the question: photos, maps and options; another question needs another folder
-results/a.jpg.json      the result of FOLDER/a.jpg
+results/a.jpg.json      the result of FOLDER/a.jpg, and the batch of the service that has it
 maps/map_x.json, .ply   the maps with photos in them, and their points, so that exports need no service
 unplaced.txt            the photos without a pose, with the reason
 plan.png, contact-sheet.jpg   where the photos are in the scan, and the result of each
@@ -10,7 +10,7 @@ plan.png, contact-sheet.jpg   where the photos are in the scan, and the result o
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
@@ -133,6 +133,18 @@ class PlaceFolder:
         document = {"name": photo.name, "file": _fingerprint(photo.image), "result": result}
         _write(self._result_file(photo.name), document)
 
+    def unkept(self) -> list[Photo]:
+        """Return the photos with an answer that no batch of the service has yet."""
+        photos = [self.photo(name) for name in self.files().photos]
+        return [
+            photo for photo in photos if "answer" in (photo.result or {}) and not self._document(photo).get("batch")
+        ]
+
+    def note_batch(self, photos: Iterable[Photo], batch_id: str) -> None:
+        """Store in which batch of the service photos are."""
+        for photo in photos:
+            _write(self._result_file(photo.name), {**self._document(photo), "batch": batch_id})
+
     def placed(self) -> PlacedPhotos:
         """Return all photos with their results, as exports and pictures need them."""
         photos = [self.photo(name) for name in self.files().photos]
@@ -162,6 +174,9 @@ class PlaceFolder:
                 continue
             folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != left_out]
             yield from (here / name for name in files if not name.startswith("."))
+
+    def _document(self, photo: Photo) -> JsonObject:
+        return _read(self._result_file(photo.name)) or {}
 
     def _result_file(self, name: str) -> Path:
         return self.folder / "results" / f"{name}.json"

@@ -6,6 +6,7 @@ from fastapi.routing import APIRoute
 from panoloc.service.http.routes import (
     batches,
     geopose,
+    hand_poses,
     localize,
     map_files,
     map_links,
@@ -16,7 +17,19 @@ from panoloc.service.http.routes import (
     pages,
 )
 
-_GROUPS = (maps, new_scans, map_files, map_links, localize, geopose, new_batches, batches, operations, pages)
+_GROUPS = (
+    maps,
+    new_scans,
+    map_files,
+    map_links,
+    localize,
+    geopose,
+    new_batches,
+    batches,
+    hand_poses,
+    operations,
+    pages,
+)
 ROUTERS: tuple[APIRouter, ...] = tuple(module.router for module in _GROUPS)
 
 QUERY_ROUTES: tuple[APIRoute, ...] = tuple(

@@ -10,6 +10,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from panoloc.core.image.heif_conversion import converted
 from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, image_kind
+from panoloc.core.image.thumbnail import thumbnail
 from panoloc.core.options import ExportFormat
 from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from panoloc.service.batches.record import BatchRecord
@@ -63,7 +64,12 @@ async def get_batch(
     responses=file_response("The bytes as uploaded; of a HEIC or AVIF a JPEG.", _IMAGE_TYPES, 401, 403, 404, 413, 422),
 )
 async def get_image(
-    request: Request, batch_id: str, number: Annotated[int, Path(ge=0, description="`number` of its item.")]
+    request: Request,
+    batch_id: str,
+    number: Annotated[int, Path(ge=0, description="`number` of its item.")],
+    max_side: Annotated[
+        int | None, Query(ge=32, le=4096, description="Instead: an upright JPEG, no side longer than so many pixels.")
+    ] = None,
 ) -> Response:
     """Return an image as uploaded; a HEIC or AVIF as a JPEG, which all programs show. A file of another kind is returned as plain bytes."""
     services = services_of(request)
@@ -73,7 +79,10 @@ async def get_image(
             f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
         )
     data = await services.batches.image(batch_id, number)
-    if image_kind(data) in CONVERTED_KINDS:
+    if max_side is not None:
+        async with services.export_turns:
+            data = await asyncio.to_thread(thumbnail, data, IMAGE, services.settings.max_pixels, max_side)
+    elif image_kind(data) in CONVERTED_KINDS:
         async with services.export_turns:
             data = await asyncio.to_thread(converted, data, IMAGE, services.settings.max_pixels)
     kind = image_kind(data)
@@ -160,6 +169,7 @@ def batch_overview(record: BatchRecord, num_done: int) -> dict[str, Any]:
     num_images = len(record.names)
     return {
         "id": record.id,
+        "name": record.name or f"{num_images} {'photo' if num_images == 1 else 'photos'}",
         "status": "done" if num_done == num_images else "running" if num_done else "queued",
         "created_at": record.created_at,
         "map_ids": list(record.map_ids),
@@ -180,7 +190,7 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
         **batch_overview(record, num_done),
         "counts": {"waiting": num_images - num_done, **{status: counts[status] for status in _STATUSES}},
         "ignored": list(record.ignored[:_MAX_IGNORED]),
-        "items": [_item(record, number, results.get(number)) for number in page],
+        "items": [item_document(record, number, results.get(number)) for number in page],
         "next_cursor": str(page[-1] + 1) if more else None,
     }
 
@@ -206,7 +216,8 @@ async def _made(
     return await while_connected(request, made())
 
 
-def _item(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:
+def item_document(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:
+    """Return an image as a page has it. result: None while there is none."""
     found = result or {"status": "waiting"}
     return {
         "number": number,

@@ -12,11 +12,12 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.http.access import caller_of, maps_seen, require
 from panoloc.service.http.openapi import file_response, json_response
-from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
+from panoloc.service.http.schemas.coordinates import Coordinates, coordinates_of
+from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE, COORDINATES_EXAMPLE
 from panoloc.service.http.schemas.maps import MapChanges, MapStarts
 from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef
 from panoloc.service.maps.point_sample import PlySample
-from panoloc.service.maps.record import key_of
+from panoloc.service.maps.record import key_of, place_on_earth
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
@@ -25,6 +26,7 @@ from panoloc.service.storage import Storage
 router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
 
 Found = TypeVar("Found")
+_Metres = Annotated[float, Query(description="Metres in the map's own frame.", ge=-1e8, le=1e8)]
 _PLY_TYPE = "application/ply"
 _MOST_JSON_POINTS = 200_000  # more would take seconds and gigabytes to write
 _ERRORS = (401, 403, 404, 409)
@@ -56,7 +58,7 @@ _POINTS_RESPONSE: dict[str, Any] = {
 
 @router.get(
     "/maps/{map_id}/preview.png",
-    summary="The scan from above, with the starts",
+    summary="The scan from above",
     response_class=Response,
     responses=file_response("The picture.", ("image/png",), *_ERRORS),
 )
@@ -112,6 +114,17 @@ async def get_starts(request: Request, map_id: str) -> Response:
     starts = json.loads(data)
     body = {"map_id": ref.id, "revision": ref.revision, "num_starts": len(starts), "starts": starts}
     return JSONResponse(body, headers=_caching(ref))
+
+
+@router.get(
+    "/maps/{map_id}/coordinates",
+    summary="A position in the map, on its grid and on WGS 84",
+    responses=json_response(Coordinates, COORDINATES_EXAMPLE, 401, 403, 404, 422),
+)
+async def get_coordinates(request: Request, map_id: str, x: _Metres, y: _Metres, z: _Metres) -> Response:
+    """Return where a position of the map's own frame is on Earth; null where the map has no place there."""
+    record = maps_seen(request).get(map_id)
+    return JSONResponse(await asyncio.to_thread(coordinates_of, place_on_earth(record), (x, y, z)))
 
 
 @router.get(

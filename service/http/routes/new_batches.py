@@ -1,7 +1,8 @@
 """Upload many images to be localized one by one, and list what was uploaded."""
 
 import asyncio
-from pathlib import Path
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
@@ -17,6 +18,7 @@ from panoloc.service.http.routes.batches import batch_document, batch_overview
 from panoloc.service.http.routes.localize import MAP_PARTS, OPTION_RULES, checked_options, maps_of
 from panoloc.service.http.schemas.batches import Batch, BatchOptions, BatchPage
 from panoloc.service.http.schemas.examples import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE
+from panoloc.service.http.schemas.maps import name_of_file
 from panoloc.service.http.uploads import MAX_PARTS, Form, PartRule, read_form
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import new_id, now
@@ -107,6 +109,8 @@ async def post_batch(request: Request) -> Response:
                 names=tuple(unique_names(image.name for image in images)),
                 ignored=tuple(ignored),
                 tenant=maps.tenant,
+                name=options.name or _name_of(form, images),
+                answers=_answers(options, images, bool(form.files["archive"])),
             )
             await services.batches.add(record, [(image.path, image.sha256) for image in images])
         finally:
@@ -140,6 +144,22 @@ def _check_zip(head: bytes, name: str) -> None:
         raise ArchiveError(
             f"archive: expected a zip, got {name[:80]!r}, which is not a zip; send images in parts named `image`"
         )
+
+
+def _name_of(form: Form, images: Sequence[UnpackedImage]) -> str:
+    """Return the name of the archive or of the folder that all images are in, else the time."""
+    folders = {PurePosixPath(image.name).parts[0] for image in images if "/" in image.name}
+    archives = [PurePosixPath(file.name).stem for file in form.files["archive"]]
+    folder = folders.pop() if len(folders) == 1 and all("/" in image.name for image in images) else ""
+    return name_of_file(archives[0] if archives else folder) or f"Photos of {now()[:16].replace('T', ' ')}"
+
+
+def _answers(options: BatchOptions, images: Sequence[UnpackedImage], is_archive: bool) -> tuple[str | None, ...]:
+    """Return the ids of answers of the images. Raises InvalidOptionsError."""
+    if options.answers is not None and (is_archive or len(options.answers) != len(images)):
+        got = "an archive" if is_archive else f"{len(options.answers)} of them"
+        raise InvalidOptionsError.of("answers", f"expected one for each of the {len(images)} parts `image`, got {got}")
+    return tuple(options.answers or ())
 
 
 async def _images(form: Form, services: Services, folder: Path) -> tuple[list[UnpackedImage], list[str]]:

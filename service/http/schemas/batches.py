@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from panoloc.service.answer import Localization, ResponseModel
+from panoloc.service.http.schemas.maps import Name
 from panoloc.service.http.schemas.operations import ProblemDocument
 from panoloc.service.http.schemas.queries import Camera, Hints, LocalizeOptions
 
@@ -20,7 +21,10 @@ class BatchHints(Hints):
 
 
 class BatchOptions(LocalizeOptions):
-    """The part `options` of `POST /batches`: as for `POST /localize`, but without pictures and sessions."""
+    """The part `options` of `POST /batches`: as for `POST /localize`, but without pictures and sessions.
+
+    Also the name of the batch, and answers that its images already have.
+    """
 
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=1)] | None = Field(
         None,
@@ -29,6 +33,14 @@ class BatchOptions(LocalizeOptions):
     hints: BatchHints | None = None
     session: None = Field(
         None, description="Not in a batch: each image is a separate query; send sessions to `POST /localize`."
+    )
+    name: Name | None = Field(
+        None, description="For people; default: the name of the archive or of the images' folder, else the time."
+    )
+    answers: list[str | None] | None = Field(
+        None,
+        description="Ids of answers to `POST /localize` that the parts `image` already have, in their order; null where "
+        "there is none. Answers that the service still has are kept; the other images are localized.",
     )
     artifacts: list[Any] = Field(
         default_factory=list, max_length=0, description="Not in a batch: a batch stores no pictures."
@@ -61,6 +73,7 @@ class BatchOverview(ResponseModel):
     """A batch in a list."""
 
     id: str
+    name: str
     status: BatchStatus
     created_at: datetime
     map_ids: list[str]

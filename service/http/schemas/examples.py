@@ -37,6 +37,7 @@ _FRAME_CAMERA = {"model": "pinhole", "hfov_deg": 67.0}
 LOCALIZATION_EXAMPLE = {
     "id": _QUERY_ID,
     "status": "localized",
+    "placed_by": "engine",
     "map_id": _MAP_ID,
     "map_revision": 1,
     "pose": _pose(0.3),
@@ -55,6 +56,17 @@ LOCALIZATION_EXAMPLE = {
     "search": {"num_starts": 412, "num_rotations": 2304, "color_model": "equalized", "sampling_loss": 0.11},
     "warnings": [],
     "reasons": [],
+}
+COORDINATES_EXAMPLE = {
+    "position_m": [691520.0, 5334740.0, 521.3],
+    "grid": {
+        "coordinate_system": "EPSG:25832",
+        "name": "ETRS89 / UTM zone 32N",
+        "east": 691520.0,
+        "north": 5334740.0,
+        "unit": "m",
+    },
+    "wgs84": {"latitude_deg": 48.138, "longitude_deg": 11.574, "height_m": 521.3, "height_reference": "unknown"},
 }
 PENDING_EXAMPLE = {"id": _QUERY_ID, "status": "running", "created_at": _CREATED_AT, "error": None}
 MAP_OPTIONS_EXAMPLE = {
@@ -129,6 +141,7 @@ CHANGES_EXAMPLE: dict[str, Any] = {
 }
 _BATCH_OVERVIEW: dict[str, Any] = {
     "id": "batch_7c1d9e2f4a6b8035",
+    "name": "ground floor",
     "status": "queued",
     "created_at": _CREATED_AT,
     "map_ids": [_MAP_ID],
@@ -162,5 +175,43 @@ GEOPOSE_REQUEST_EXAMPLE = {
     "sensorReadings": {
         "cameraReadings": [{"sensorId": "camera", "size": [2048, 1024], "imageBytes": "(base64)"}],
         "geolocationReadings": [{"latitude": 47.7, "longitude": -122.3, "accuracy": 20}],
+    },
+}
+
+_PLACED = {
+    "pose": _pose(0.3),
+    "residuals_px": [1.2, 2.4, 0.8, 2.1],
+    "rms_px": 1.75,
+    "agreement": None,
+    "confidence": 0.97,
+    "accuracy": {"position_m": 0.06, "orientation_deg": 0.9, "level": 0.68},
+    "warnings": [],
+}
+HAND_POSE_EXAMPLE = {
+    "pairs": [
+        {"pixel": [410.5, 288.0], "position_m": [0.0, 4.1, 2.5]},
+        {"pixel": [1211.0, 302.5], "position_m": [6.0, 4.1, 2.4]},
+        {"pixel": [1650.0, 640.0], "position_m": [5.2, 0.0, 0.8]},
+        {"pixel": [90.0, 655.5], "position_m": [0.4, 0.0, 0.7]},
+    ],
+    "confirm": True,
+}
+HAND_PLACEMENT_EXAMPLE: dict[str, Any] = {
+    "given": _PLACED,
+    "refined": {**_PLACED, "rms_px": 2.02, "residuals_px": [1.9, 2.6, 1.1, 2.2], "agreement": 0.66},
+    "better": "refined",
+    "moved_m": 0.04,
+    "moved_deg": 0.6,
+    "item": {
+        "number": 3,
+        "name": "hall/4.jpg",
+        "status": "localized",
+        "answer": {
+            **LOCALIZATION_EXAMPLE,
+            "placed_by": "hand",
+            "warnings": ["a person has placed this photo"],
+            "reasons": ["placed_by_hand"],
+        },
+        "error": None,
     },
 }

@@ -229,6 +229,11 @@ class Prior(RequestModel):
         description=f"Standard deviation of the rotation about each axis; {options.PosePrior.orientation_std_deg:g} by default. After a "
         "known motion: `accuracy` of the answer and 0.1 degrees per metre of the way.",
     )
+    only: bool = Field(
+        False,
+        description="Nothing is searched elsewhere: the answer is what fits best there, or, where that does not fit well enough, its first "
+        "alternative.",
+    )
 
     @model_validator(mode="after")
     def _is_one_of_both(self) -> Self:
@@ -249,6 +254,7 @@ class Prior(RequestModel):
             self.pose.frame,
             self.position_std_m or options.PosePrior.position_std_m,
             self.orientation_std_deg or options.PosePrior.orientation_std_deg,
+            self.only,
         )
 
 
@@ -274,7 +280,7 @@ class Hints(RequestModel):
     prior: Prior | None = Field(
         None,
         description="A pose that is tried first, in a query of one map. It narrows nothing and may be wrong: where no answer is sure "
-        "there, everything is searched.",
+        "there, everything is searched, unless it is said to be the `only` one.",
     )
 
     @model_validator(mode="after")

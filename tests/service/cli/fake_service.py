@@ -54,6 +54,7 @@ class FakeService:
     """Answers requests from a table; `fail_with` makes it answer everything with a problem.
 
     on_request: sees each request first, and may answer it.
+    batches: options of those that were made, or refused with batch_refusal.
     busy: so many queries are refused with 429. answers: to images with these words in them. at_maps: answer instead
     for maps of these ids. requests: (method, path) in order. parts: the multipart fields of the last upload, by name.
     """
@@ -72,6 +73,8 @@ class FakeService:
     requests: list[tuple[str, str]] = field(default_factory=list)
     parts: dict[str, list[bytes]] = field(default_factory=dict)
     polls: list[dict[str, Any]] = field(default_factory=list)
+    batches: list[dict[str, Any]] = field(default_factory=list)
+    batch_refusal: httpx.Response | None = None
 
     def handle(self, request: httpx.Request) -> httpx.Response:
         """Answer one request."""
@@ -79,7 +82,7 @@ class FakeService:
             raise httpx.ConnectError("Connection refused", request=request)
         path = request.url.path
         self.requests.append((request.method, str(request.url).removeprefix("http://127.0.0.1:8000")))
-        if request.method == "POST" and not path.endswith("/links"):
+        if request.method == "POST" and not path.endswith(("/links", "/batches")):
             self.parts = multipart_fields(request)
         if (reply := self.on_request(request)) is not None:
             return reply
@@ -104,6 +107,7 @@ class FakeService:
             ("DELETE", "/maps"): lambda _: httpx.Response(204),
             ("PATCH", "/maps"): lambda request: httpx.Response(200, json={**READY_MAP, **json.loads(request.content)}),
             ("POST", "/localize"): self._localize,
+            ("POST", "/batches"): self._make_batch,
             ("GET", "/batches/batch_1/export"): self._export,
             ("GET", "/localizations/loc_1/score-map-2d.png"): lambda _: httpx.Response(200, content=b"a picture"),
         }
@@ -122,6 +126,13 @@ class FakeService:
         with zipfile.ZipFile(out, "w") as archive:
             archive.writestr("query.txt", str(request.url.query, "ascii"))
         return httpx.Response(200, content=out.getvalue())
+
+    def _make_batch(self, request: httpx.Request) -> httpx.Response:
+        options = json.loads(multipart_fields(request)["options"][0])
+        self.batches.append(options)
+        return self.batch_refusal or httpx.Response(
+            202, json={"id": f"batch_{len(self.batches)}", "name": options["name"]}
+        )
 
     def _localize(self, request: httpx.Request) -> httpx.Response:
         if self.refuse_file and self.refuse_file.encode() in b"".join(self.parts["image"]):

@@ -76,6 +76,52 @@ async def test_a_zip_is_unpacked_and_what_is_no_image_is_named(running: RunningS
     assert list((running.data_dir / "uploads").iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("files", "options", "name"),
+    [
+        ([("image", ("a/1.png", PNG)), ("image", ("a/2.png", PNG))], {}, "a"),
+        ([("archive", ("north wing.zip", zipped(x__1_png=PNG)))], {}, "north wing"),
+        ([("archive", ("north wing.zip", zipped(x__1_png=PNG)))], {"name": "Roof"}, "Roof"),
+        ([("image", ("a/1.png", PNG)), ("image", ("2.png", PNG))], {}, "Photos of 20"),
+    ],
+)
+async def test_a_batch_has_the_name_it_is_given_or_that_of_what_its_images_came_in(
+    running: RunningService, files: list[Any], options: dict[str, str], name: str
+) -> None:
+    data = {"map_id": await running.ready_map(), "options": json.dumps(options)}
+    made = (await running.client.post("/batches", files=files, data=data)).json()
+    assert made["name"].startswith(name)
+    assert (await running.json("/batches"))["items"][-1]["name"] == made["name"]
+
+
+async def test_images_that_come_with_their_answers_keep_them_and_only_the_others_are_localized(
+    running: RunningService,
+) -> None:
+    map_id = await running.ready_map()
+    answer = (await running.client.post("/localize", files={"image": ("a.png", PNG)}, data={"map_id": map_id})).json()
+    assert len(running.pool.jobs) == 1
+    options = json.dumps({"answers": [answer["id"], None, "loc_gone"]})
+    body = await running.done(
+        (await running.post_batch(map_id, "a.png", "b.png", "c.png", options=options)).json()["id"]
+    )
+    assert [item["status"] for item in body["items"]] == ["localized"] * 3
+    assert body["items"][0]["answer"]["id"] == answer["id"]
+    assert len(running.pool.jobs) == 3
+    wrong = await running.post_batch(map_id, "a.png", "b.png", options=json.dumps({"answers": [answer["id"]]}))
+    assert (wrong.status_code, wrong.json()["fields"][0]["field"]) == (422, "answers")
+
+
+async def test_small_copies_of_images_are_upright_and_one_that_is_none_is_refused(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    turned = encoded(picture(64, 32), "JPEG", exif=phone_exif(orientation=6))
+    files = [("image", ("a.jpg", turned)), ("image", ("text.png", b"no image at all"))]
+    batch_id = (await running.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+    small = await running.client.get(f"/batches/{batch_id}/images/0", params={"max_side": 40})
+    assert small.headers["content-type"] == "image/jpeg"
+    assert Image.open(io.BytesIO(small.content)).size == (20, 40)
+    assert (await running.client.get(f"/batches/{batch_id}/images/1", params={"max_side": 40})).status_code == 415
+
+
 async def test_batches_are_listed_page_by_page_oldest_first(running: RunningService) -> None:
     made = [(await running.placed(f"{number}.png"))[1] for number in range(3)]
     BatchPage.model_validate(await running.json("/batches"))
@@ -214,7 +260,7 @@ async def test_a_result_that_is_written_anew_while_it_is_read_is_not_worked_out_
     result = (await store.results(batch_id, [0]))[0]
     store.call_when_damaged(told.append)
 
-    def overtaken(of: str, numbers: list[int]) -> dict[int, None]:
+    def overtaken(of: str, numbers: list[int], by_hand: set[int]) -> dict[int, None]:
         """Read a damaged result, which is replaced before the reader can tell."""
         asyncio.run_coroutine_threadsafe(store.put_result(of, 0, result), loop).result(10)
         return dict.fromkeys(numbers)

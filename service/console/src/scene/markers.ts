@@ -2,6 +2,7 @@
 
 import { type Camera, Vector3 as V3 } from "three";
 
+import type { Vector3 } from "../api/types.ts";
 import type { Place3 } from "./frames.ts";
 
 export interface Marker {
@@ -10,6 +11,8 @@ export interface Marker {
   index: number;
   isChosen: boolean;
   isUnsure: boolean;
+  /** Within which the camera stood with a probability of 68 %, metres; null where that is not known. */
+  radius: number | null;
 }
 
 /** Radius as a share of half the view's height, so that a marker can be hit from afar. */
@@ -28,4 +31,25 @@ export function markerAt(markers: Marker[], pointer: [number, number], camera: C
     if (seen.z < 1 && distance < best) [nearest, best] = [marker, distance];
   }
   return nearest;
+}
+
+const RING_CORNERS = 40;
+/** Pixels: smaller rings lie below the marker itself. */
+const SMALLEST_RING = 8;
+
+/** Return the level circle around a camera within which it stood with a probability of 68 %. */
+export function ringOf({ place: { position: [x, y, z] }, radius }: Marker): Vector3[] {
+  return Array.from({ length: RING_CORNERS + 1 }, (_, corner) => {
+    const turn = (2 * Math.PI * corner) / RING_CORNERS;
+    return [x + (radius ?? 0) * Math.cos(turn), y + (radius ?? 0) * Math.sin(turn), z];
+  });
+}
+
+/** Tell whether the ring of a camera is larger on the screen than its marker. project: to pixels. */
+export function isRingSeen(marker: Marker, project: (at: Vector3) => [number, number] | null): boolean {
+  const { place: { position: [x, y, z] }, radius } = marker;
+  if (radius === null) return false;
+  const [middle, east, north] = [project([x, y, z]), project([x + radius, y, z]), project([x, y + radius, z])];
+  if (middle === null || east === null || north === null) return false;
+  return Math.max(Math.hypot(east[0] - middle[0], east[1] - middle[1]), Math.hypot(north[0] - middle[0], north[1] - middle[1])) > SMALLEST_RING;
 }

@@ -4,7 +4,7 @@ import { type PerspectiveCamera, Vector3 as V3 } from "three";
 import type { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 const TURN_PER_KEY = Math.PI / 24;
-/** Of the distance to the middle of the view. */
+/** Of the distance to the middle of the view, as wide as it is from outside. */
 const MOVE_PER_KEY = 0.05;
 const ZOOM_PER_KEY = 1.15;
 const STEEPEST = 0.02;
@@ -36,7 +36,7 @@ export class OrbitKeys {
 
   private move(right: number, ahead: number): void {
     const from = this.camera.position.clone().sub(this.orbit.target);
-    const step = MOVE_PER_KEY * from.length();
+    const step = MOVE_PER_KEY * from.length() * (Math.tan((this.camera.fov / 360) * Math.PI) / Math.tan(Math.PI / 8));
     const forward = new V3(-from.x, -from.y, 0).normalize();
     this.orbit.target.addScaledVector(forward, step * ahead).addScaledVector(new V3(forward.y, -forward.x, 0), step * right);
     this.placeAt(from);
@@ -56,7 +56,8 @@ export class OrbitKeys {
     if (!this.orbit.enabled || event.ctrlKey || event.altKey || event.metaKey) return;
     const arrows: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
     const arrow = arrows[event.key];
-    if (arrow && event.shiftKey) this.move(...arrow);
+    // From straight above nothing is turned.
+    if (arrow && (event.shiftKey || this.orbit.maxPolarAngle === 0)) this.move(...arrow);
     else if (arrow) this.turn(arrow[0] * TURN_PER_KEY, arrow[1] * TURN_PER_KEY);
     else if (event.key === "+" || event.key === "=") this.zoom(1 / ZOOM_PER_KEY);
     else if (event.key === "-") this.zoom(ZOOM_PER_KEY);

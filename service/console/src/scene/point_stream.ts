@@ -2,10 +2,15 @@
 
 import { request } from "../api/service.ts";
 import type { Vector3 } from "../api/types.ts";
+import { width } from "../state/width.svelte.ts";
 import { type PointChunk, PointDecoder } from "./point_decoder.ts";
 
-/** What `GET /maps/{id}/points` has at most. */
-export const MOST_SCENE_POINTS = 10_000_000;
+/** What `GET /maps/{id}/points` has at most, and what phones take. */
+const [MOST_POINTS, MOST_PHONE_POINTS] = [10_000_000, 1_500_000];
+
+export function mostScenePoints(): number {
+  return width.isNarrow ? MOST_PHONE_POINTS : MOST_POINTS;
+}
 
 export interface PointStreamEvents {
   /** Called once, with the points of the whole stream. */

@@ -27,6 +27,12 @@ export class ScanPoints {
     return this.numArrived;
   }
 
+  /** Return chunks with about so many points from the front, or all that have come. */
+  sample(count: number): PointChunk[] {
+    let left = count;
+    return this.chunks.filter(({ colors }) => (left -= colors.length) + colors.length > 0);
+  }
+
   add(chunk: PointChunk): void {
     if (!this.chunks.length) this.areaM2 = surfaceOf(chunk.positions, Math.min(SAMPLED, chunk.colors.length));
     this.chunks.push(chunk);

@@ -1,62 +1,59 @@
 /** The 3D view: the scan from outside, turned about its middle, or from where a photo was taken, with the photo in front of the points. */
 
 import { Matrix4, PerspectiveCamera, Vector3 as V3 } from "three";
-import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 import type { CameraOfImage, Vector3 } from "../api/types.ts";
 import type { SceneCell } from "./change_tint.ts";
+import { Clicks } from "./clicks.ts";
 import { directionAngles, type Place3, viewRotation } from "./frames.ts";
 import { LookAround } from "./look_around.ts";
-import { OrbitKeys } from "./orbit_keys.ts";
 import { type Marker, markerAt } from "./markers.ts";
+import { type Bounds, OutsideView } from "./outside_view.ts";
 import { makePainter } from "./paint/make_painter.ts";
 import type { Painter, StageColors } from "./paint/painter.ts";
 import { decodePhoto } from "./photo.ts";
 import type { PointChunk } from "./point_decoder.ts";
+import { isClear, pickUnder } from "./sight.ts";
 
-const OUTSIDE_FOV_DEG = 45;
 const INSIDE_FOV_DEG = 75;
-/** Of the scan's height that is shown from outside: ceilings hide what is below them. */
-const SHOWN_HEIGHT = 0.82;
 const STILL_AFTER_MS = 180;
 /** A tab that is not seen draws nothing; what it waits for comes all the same. */
 const HIDDEN_MS = 300;
 
 export class Stage {
   onMarker: (index: number) => void = () => undefined;
+  /** Where clicks meet the scan, in the world of the renderer, null where they miss it; while this is set, they choose no markers. */
+  onPick: ((at: Vector3 | null) => void) | null = null;
   /** Where somebody who stands looks: counter-clockwise from +x, radians. */
   onLook: (yaw: number) => void = () => undefined;
+  /** Called after each picture. */
+  onDraw: () => void = () => undefined;
+  readonly outside: OutsideView;
   private readonly painter: Painter;
-  private readonly camera = new PerspectiveCamera(OUTSIDE_FOV_DEG, 1, 0.05, 5000);
-  private readonly orbit: OrbitControls;
-  private readonly keys: OrbitKeys;
+  private readonly clicks: Clicks;
+  private readonly camera = new PerspectiveCamera(45, 1, 0.05, 5000);
   private readonly look: LookAround;
   private readonly canvas: HTMLCanvasElement;
   private markers: Marker[] = [];
   private numPoints = 0;
   private total = 0;
-  private cut = Infinity;
+  /** Points above this height are hidden from outside. */
+  private section = Infinity;
   private standing: Place3 | null = null;
-  private bounds: { min: Vector3; max: Vector3 } = { min: [-1, -1, -1], max: [1, 1, 1] };
   private moved = 0;
   private frame = 0;
   private lastMoving = 0;
   private isTouched = true;
   private isAnew = true;
   private isFull = false;
-  private pressed: [number, number] | null = null;
 
   constructor(canvas: HTMLCanvasElement, colors: StageColors) {
     this.canvas = canvas;
     this.painter = makePainter(canvas, colors);
     this.camera.up.set(0, 0, 1);
-    this.orbit = new OrbitControls(this.camera, canvas);
-    this.orbit.addEventListener("change", () => this.touch());
-    this.orbit.maxPolarAngle = Math.PI * 0.98;
-    this.keys = new OrbitKeys(canvas, this.camera, this.orbit, () => this.touch());
+    this.outside = new OutsideView(canvas, this.camera, () => this.touch());
     this.look = new LookAround(canvas, () => this.turned());
-    canvas.addEventListener("pointerdown", this.down);
-    canvas.addEventListener("pointerup", this.up);
+    this.clicks = new Clicks(canvas, (at, isByKey) => this.clicked(at, isByKey));
   }
 
   recolor(colors: StageColors): void {
@@ -65,8 +62,8 @@ export class Stage {
   }
 
   /** Begin a scan of so many points; bounds: in the world of the renderer. */
-  begin(numPoints: number, bounds: { min: Vector3; max: Vector3 }): void {
-    [this.numPoints, this.total, this.bounds] = [0, numPoints, bounds];
+  begin(numPoints: number, bounds: Bounds): void {
+    [this.numPoints, this.total, this.outside.bounds] = [0, numPoints, bounds];
     this.painter.begin(numPoints);
     if (this.standing === null) this.leave();
   }
@@ -103,13 +100,12 @@ export class Stage {
   /** Stand where a photo was taken, with the photo before the points where there is one. */
   async stand(place: Place3, photo: Blob | null, camera: CameraOfImage): Promise<void> {
     this.standing = place;
-    this.orbit.enabled = false;
+    this.outside.orbit.enabled = false;
     this.painter.showPhoto(null);
     const isWhole = camera.hfov_deg > 300;
     const [yaw, pitch] = directionAngles(place.rotation);
     this.look.begin(yaw, pitch, isWhole ? null : place.rotation, isWhole ? INSIDE_FOV_DEG : this.fovOf(camera));
     if (isWhole) this.look.pitch = 0;
-    this.cut = Infinity;
     this.turned();
     if (photo === null) return;
     const canvas = await decodePhoto(photo);
@@ -118,25 +114,20 @@ export class Stage {
     this.touch();
   }
 
-  /** Go back outside. */
-  leave(): void {
+  /** Go back outside, where the whole scan is seen; isPlan: from straight above. */
+  leave(isPlan = this.outside.isPlan): void {
     this.standing = null;
     this.look.end();
     this.painter.showPhoto(null);
-    this.orbit.enabled = true;
-    const { min, max } = this.bounds;
-    const middle = new V3((min[0] + max[0]) / 2, (min[1] + max[1]) / 2, (min[2] + max[2]) / 2 - 0.1 * (max[2] - min[2]));
-    const size = Math.hypot(max[0] - min[0], max[1] - min[1], max[2] - min[2]);
-    this.camera.fov = OUTSIDE_FOV_DEG;
-    this.camera.near = size / 500;
-    this.camera.far = size * 20;
-    const away = 1.18 * size * Math.max(1, 1.1 / Math.max(0.3, this.camera.aspect));
-    this.camera.position.set(middle.x - 0.42 * away, middle.y - 0.62 * away, middle.z + 0.68 * away);
-    this.camera.updateProjectionMatrix();
-    this.orbit.target.copy(middle);
-    this.orbit.update();
-    this.cut = min[2] + SHOWN_HEIGHT * (max[2] - min[2]);
+    this.outside.isPlan = isPlan;
+    this.outside.reset();
     this.touch();
+  }
+
+  /** Hide the points above a height from whoever is outside. */
+  cutAt(height: number): void {
+    this.section = height;
+    if (this.standing === null) this.touch();
   }
 
   /** Show so much of the photo (1) or of the points (0). */
@@ -154,6 +145,27 @@ export class Stage {
     this.touch();
   }
 
+  /** Tell whether nothing of the scan lies between two places, in the world of the renderer. */
+  sees(from: Vector3, to: Vector3): boolean {
+    return isClear(this.painter.points, from, to);
+  }
+
+  /** Return where a place is seen, in pixels of the page from the upper left corner; null behind the viewer. */
+  project(at: Vector3): [number, number] | null {
+    const seen = new V3(...at).project(this.camera);
+    return seen.z > 1 || seen.z < -1 ? null : [((seen.x + 1) / 2) * this.canvas.clientWidth, ((1 - seen.y) / 2) * this.canvas.clientHeight];
+  }
+
+  /** Which way is up on the screen, or ahead: counter-clockwise from +x, radians. */
+  get heading(): number {
+    const m = this.camera.matrixWorld.elements;
+    return Math.atan2(m[5]! - m[9]!, m[4]! - m[8]!);
+  }
+
+  get metresPerPixel(): number {
+    return this.outside.metresPerPixel(Math.max(1, this.canvas.clientHeight));
+  }
+
   /** What a test or a measurement asks: where one stands, what was drawn, and with what. */
   state(): { numDrawn: number; numPoints: number; isStill: boolean; isStanding: boolean; renderer: string } {
     return {
@@ -167,17 +179,19 @@ export class Stage {
 
   /** Turn about the middle by so many degrees, as dragging does. */
   spin(degrees: number): void {
-    this.keys.turn((degrees / 180) * Math.PI, 0);
+    this.outside.keys.turn((degrees / 180) * Math.PI, 0);
   }
 
   dispose(): void {
     cancelAnimationFrame(this.frame);
-    this.keys.dispose();
+    this.outside.dispose();
     this.look.dispose();
-    this.orbit.dispose();
     this.painter.dispose();
-    this.canvas.removeEventListener("pointerdown", this.down);
-    this.canvas.removeEventListener("pointerup", this.up);
+    this.clicks.dispose();
+  }
+
+  private get cut(): number {
+    return this.standing === null ? this.section : Infinity;
   }
 
   private fovOf(camera: CameraOfImage): number {
@@ -193,6 +207,7 @@ export class Stage {
     this.camera.position.set(...this.standing.position);
     this.camera.fov = this.look.fovDeg;
     this.camera.near = 0.03;
+    this.camera.far = 2 * this.outside.size + 10;
     this.camera.updateProjectionMatrix();
     this.onLook(directionAngles(this.look.rotation)[0]);
     this.touch();
@@ -212,6 +227,7 @@ export class Stage {
   }
 
   private readonly draw = (now: number): void => {
+    if (this.standing === null) this.outside.fitDepths();
     this.camera.updateMatrixWorld();
     const view = { camera: this.camera, isInside: this.standing !== null, cut: this.cut };
     // The first picture waits for nothing.
@@ -229,18 +245,16 @@ export class Stage {
       this.isAnew = false;
     }
     this.frame = this.isFull ? 0 : requestAnimationFrame(this.draw);
+    this.onDraw();
   };
 
-  private readonly down = (event: PointerEvent): void => {
-    this.pressed = [event.clientX, event.clientY];
-  };
-
-  private readonly up = (event: PointerEvent): void => {
-    if (this.pressed === null) return;
-    const box = this.canvas.getBoundingClientRect();
-    const wasClick = Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) < 5;
-    const at: [number, number] = [((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2];
-    const marker = wasClick ? markerAt(this.markers, at, this.camera, this.camera.aspect) : null;
-    if (marker) this.onMarker(marker.index);
-  };
+  private clicked(at: [number, number], isByKey: boolean): void {
+    if (this.onPick) {
+      const limits = { far: this.camera.position.distanceTo(this.outside.orbit.target) + 2 * this.outside.size, cut: this.cut };
+      this.onPick(pickUnder(this.painter.points, this.camera, at, this.canvas.clientHeight, limits));
+    } else if (!isByKey) {
+      const marker = markerAt(this.markers, at, this.camera, this.camera.aspect);
+      if (marker) this.onMarker(marker.index);
+    }
+  }
 }

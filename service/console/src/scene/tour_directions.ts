@@ -17,14 +17,13 @@ export interface Direction {
   distance: number;
 }
 
-/** More arrows than these would lie on top of each other. */
-const MOST = 6;
-const NARROWEST = Math.PI / 8;
+/** Between two arrows: nearer ones would lie on top of each other. */
+const NARROWEST = Math.PI / 4;
 /** Metres; what is nearer was taken at the same place. */
 const NEAREST_M = 0.05;
 
-/** Return the nearest other stops, the nearest first, at most one of those in about the same direction. */
-export function directionsTo(here: Stop, stops: readonly Stop[]): Direction[] {
+/** Return the nearest other stops in sight, the nearest first, at most one of those in about the same direction. sees: whether one is in sight. */
+export function directionsTo(here: Stop, stops: readonly Stop[], sees: (stop: Stop) => boolean): Direction[] {
   const found: Direction[] = [];
   const all = stops.map((stop) => {
     const [x, y] = [stop.position[0] - here.position[0], stop.position[1] - here.position[1]];
@@ -32,7 +31,7 @@ export function directionsTo(here: Stop, stops: readonly Stop[]): Direction[] {
   });
   for (const each of all.sort((a, b) => a.distance - b.distance)) {
     if (each.stop.number === here.number || each.distance < NEAREST_M) continue;
-    if (found.length < MOST && found.every((other) => between(other.bearing, each.bearing) >= NARROWEST)) found.push(each);
+    if (found.every((other) => between(other.bearing, each.bearing) >= NARROWEST) && sees(each.stop)) found.push(each);
   }
   return found;
 }

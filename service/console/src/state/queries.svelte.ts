@@ -4,6 +4,7 @@ import { RequestError, shown } from "../api/problem.ts";
 import { getJson } from "../api/service.ts";
 import type { Answer, PendingAnswer, Problem } from "../api/types.ts";
 import { type Upload, upload } from "../api/upload.ts";
+import { dropPhoto, keepPhoto, type KeptPhoto, keptPhotos, tab } from "./kept_photos.ts";
 import { camerasOf, type ViewAngle } from "./view_angle.ts";
 
 const AT_A_TIME = 2;
@@ -24,9 +25,11 @@ export interface QueryTarget {
 }
 
 export class Query {
-  readonly key = crypto.getRandomValues(new Uint32Array(1))[0]!;
+  readonly key: number;
   readonly photo: File;
   readonly target: QueryTarget;
+  /** Whether it was there before the page was loaded. */
+  readonly isOld: boolean;
   state = $state<"waiting" | "sending" | "searching" | "done" | "failed">("waiting");
   share = $state(0);
   answer = $state<Answer | null>(null);
@@ -34,9 +37,9 @@ export class Query {
   private sending: Upload<PendingAnswer> | null = null;
   private isCancelled = false;
 
-  constructor(photo: File, target: QueryTarget) {
-    this.photo = photo;
-    this.target = target;
+  constructor(photo: File, target: QueryTarget, key: number | null = null) {
+    [this.photo, this.target, this.isOld] = [photo, target, key !== null];
+    this.key = key ?? crypto.getRandomValues(new Uint32Array(1))[0]!;
   }
 
   async run(): Promise<void> {
@@ -49,13 +52,19 @@ export class Query {
         onProgress: (share) => (this.share = share),
       });
       const { id } = await this.sending.done;
-      this.state = "searching";
-      this.answer = await this.fetched(id);
-      this.state = "done";
+      void keepPhoto({ key: this.key, tab, at: Date.now(), photo: this.photo, target: JSON.parse(JSON.stringify(this.target)) as QueryTarget, answerId: id });
+      await this.await(id);
     } catch (error) {
       this.problem = shown(error);
       this.state = "failed";
     }
+  }
+
+  /** Fetch the answer to a photo that was sent. */
+  async await(answerId: string): Promise<void> {
+    this.state = "searching";
+    this.answer = await this.fetched(answerId);
+    this.state = "done";
   }
 
   cancel(): void {
@@ -117,9 +126,19 @@ export const queries = {
   },
   remove(query: Query): void {
     query.cancel();
+    void dropPhoto(query.key);
     items = items.filter((each) => each !== query);
   },
 };
+
+/** Show a photo again that was sent before the page was loaded; one whose answer the service has no longer is gone. */
+async function restore({ photo, target, key, answerId }: KeptPhoto): Promise<void> {
+  const query = new Query(photo, target, key);
+  items = [...items, query];
+  await query.await(answerId).catch(() => queries.remove(query));
+}
+
+void keptPhotos().then((kept) => kept.reverse().forEach((each) => void restore(each)));
 
 function pump(): void {
   const underWay = items.filter((query) => query.state === "sending" || query.state === "searching").length;

@@ -29,7 +29,7 @@ export function radiusWords(answer: Answer): string {
   const radius = answer.accuracy?.position_m;
   if (radius == null) return "Precision unknown.";
   const angle = answer.accuracy?.orientation_deg;
-  return `With 68 % probability within ${lengthWords(radius)}${angle == null ? "" : ` and ${angle < 1 ? angle.toFixed(1) : Math.round(angle)}°`}.`;
+  return `Error below ${lengthWords(radius)}${angle == null ? "" : ` and ${angle < 1 ? angle.toFixed(1) : Math.round(angle)}°`} with 68 % probability.`;
 }
 
 export function lengthWords(metres: number): string {

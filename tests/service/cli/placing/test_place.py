@@ -274,6 +274,31 @@ def test_a_batch_is_fetched_from_the_service(panoloc: Panoloc, fake: FakeService
     assert panoloc("export", "batch_1", "--export", "potree", "--out", tmp_path).code == EXIT_ERROR
 
 
+def test_what_was_placed_is_kept_once_as_a_batch_under_the_name_of_its_folder(
+    place: Panoloc, fake: FakeService, photos: Path
+) -> None:
+    fake.refuse_file = "is rooms/b.png"
+    outcome = place()
+    assert "kept as batch batch_1, 'photos' in the console" in outcome.err
+    assert fake.batches == [{"name": "photos", "answers": ["loc_1", "loc_1"]}]
+    (photos / "attic.jpg").write_bytes((photos / "hall.jpg").read_bytes())
+    place("--name", "ground floor")
+    assert fake.batches[1:] == [{"name": "ground floor", "answers": ["loc_1"]}]
+    place()
+    assert len(fake.batches) == 2
+
+
+def test_a_batch_that_is_refused_does_not_fail_the_run_and_is_made_by_the_next(
+    place: Panoloc, fake: FakeService
+) -> None:
+    fake.batch_refusal = problem(409, "There are too many batches", "delete a batch that is no longer needed")
+    outcome = place()
+    assert (outcome.code, "not kept as a batch" in outcome.err) == (0, True)
+    fake.batch_refusal = None
+    assert "kept as batch" in place().err
+    assert num_queries(fake) == 3
+
+
 def test_exports_are_never_taken_for_photos(place: Panoloc, fake: FakeService, photos: Path) -> None:
     into = place("--out", photos)
     assert (into.code, "outside the folder" in into.err, num_queries(fake)) == (EXIT_USAGE, True, 0)

@@ -7,6 +7,7 @@ import type { SceneCell } from "../change_tint.ts";
 import type { Place3 } from "../frames.ts";
 import type { Marker } from "../markers.ts";
 import type { PointChunk } from "../point_decoder.ts";
+import type { ScanPoints } from "../scan_points.ts";
 
 export interface StageColors {
   background: string;
@@ -36,6 +37,7 @@ export interface Painter {
   readonly name: string;
   /** Points in the last picture. */
   readonly numDrawn: number;
+  readonly points: ScanPoints;
   /** Whether the photo is laid over what is drawn: then fading it needs no points. */
   readonly isFadedQuickly: boolean;
   recolor(colors: StageColors): void;

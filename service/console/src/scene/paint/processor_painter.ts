@@ -29,7 +29,7 @@ export class ProcessorPainter implements Painter {
   private readonly canvas: HTMLCanvasElement;
   private readonly context: CanvasRenderingContext2D;
   private readonly pace = new ProcessorPace();
-  private points = new ScanPoints(0);
+  points = new ScanPoints(0);
   private picture: Picture = pictureOf(1, 1);
   private output = new ImageData(1, 1);
   private layer = new Uint32Array(0);

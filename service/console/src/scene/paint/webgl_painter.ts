@@ -6,6 +6,7 @@ import type { SceneCell } from "../change_tint.ts";
 import type { Marker } from "../markers.ts";
 import type { PointChunk } from "../point_decoder.ts";
 import { ScanPoints } from "../scan_points.ts";
+import { rendererOf } from "./graphics.ts";
 import type { Painter, PlacedPhoto, StageColors, View } from "./painter.ts";
 import { WebglMarkers } from "./webgl_markers.ts";
 import { Pace } from "./webgl_pace.ts";
@@ -24,7 +25,7 @@ export class WebglPainter implements Painter {
   private readonly pace = new Pace();
   private readonly markers = new WebglMarkers();
   private readonly starts = new WebglStarts();
-  private points = new ScanPoints(0);
+  points = new ScanPoints(0);
   private cloud = new WebglPoints(this.points);
   private photo: WebglPhoto | null = null;
   private blend = 1;
@@ -138,10 +139,4 @@ export class WebglPainter implements Painter {
     this.renderer.render(this.scene, camera);
     this.numDrawn = last;
   }
-}
-
-/** Return the name of what computes WebGL, as far as the browser tells. */
-export function rendererOf(context: WebGL2RenderingContext): string {
-  const named = context.getExtension("WEBGL_debug_renderer_info");
-  return String(context.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : context.RENDERER));
 }

@@ -1,0 +1,227 @@
+"""A photo of a batch that a person places: from a rough pose, or from points clicked in the photo and in the scan.
+
+The engine refines the pose and searches nowhere else. What a person confirms is shown and exported in place of the
+answer of the search, which stays stored beside it.
+"""
+
+import asyncio
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc.core.camera.resection import Resection, resect, residuals_px
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.image.shown_camera import ShownCamera, shown_camera
+from panoloc.core.options import Hints, PosePrior
+from panoloc.service.answer import (
+    Accuracy,
+    Change,
+    ImageAnswer,
+    ImageCamera,
+    Localization,
+    PoseAnswer,
+)
+from panoloc.service.batches.hand_evidence import (
+    BY_HAND,
+    LEVEL,
+    UNMEASURED,
+    Evidence,
+    contradictions,
+    of_engine,
+    of_pairs,
+)
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.batches.store import BatchStore
+from panoloc.service.jobs import MapRef, QueryImage, new_id
+from panoloc.service.localizations import Localizations, LocalizeRequest
+from panoloc.service.maps.selection import MapChoice, serving_ref
+from panoloc.service.poses import PlaceOnEarth, geopose, pose_answer
+
+_MOST_REFINED = 3  # of several poses that points leave
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Clicked points. pixels: (n, 2) of the photo as it is seen, upright, from its top left corner. points: (n, 3), metres in the map."""
+
+    pixels: NDArray[np.float64]
+    points: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ByHand:
+    """What a person says: a rough pose, or pairs. position_std_m, orientation_std_deg: of a rough pose."""
+
+    map_id: str
+    pose: Pose | None
+    pairs: Pairs | None
+    position_std_m: float
+    orientation_std_deg: float
+    is_refined: bool
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A pose, with what speaks for it. residuals_px: of each pair."""
+
+    pose: PoseAnswer
+    residuals_px: list[float] | None
+    evidence: Evidence
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What came of it. given: as it was set or solved. refined: by the engine; None where that was not asked for, or is impossible.
+
+    better: which of both to take, by what speaks for them. answer: that a confirmed photo gets.
+    """
+
+    given: Placed
+    refined: Placed | None
+    better: Literal["given", "refined"]
+    moved_m: float | None
+    moved_deg: float | None
+    answer: Localization
+
+
+class HandPlacing:
+    """Used from one event loop."""
+
+    def __init__(self, store: BatchStore, localizations: Localizations, max_pixels: int) -> None:
+        self._store, self._localizations, self._max_pixels = store, localizations, max_pixels
+
+    async def place(self, record: BatchRecord, number: int, by_hand: ByHand, request_id: str) -> Placement:
+        """Solve and refine, and store nothing. Raises OptionsError for pairs that fix no pose, and what a query raises."""
+        registry = self._localizations.registry
+        await registry.find([by_hand.map_id])
+        ref = serving_ref(registry.seen_by(record.tenant).get(by_hand.map_id))
+        data = await self._store.image(record.id, number)
+        seen = await asyncio.to_thread(shown_camera, data, record.camera, self._max_pixels)
+        guesses = await asyncio.to_thread(_guesses, by_hand, seen)
+        photo = _Photo(record, seen, by_hand.pairs, registry.georeferences([ref]).get(ref.id), ref)
+        given = photo.placed(guesses[0].pose, guesses[0].evidence)
+        answers = [await self._refined(photo, data, guess, by_hand, request_id) for guess in guesses[:_MOST_REFINED]]
+        found = [(guess, *refined) for guess, refined in zip(guesses, answers, strict=False) if refined is not None]
+        if not found:
+            return Placement(given, None, "given", None, None, photo.answer(given, None))
+        guess, pose, answer = max(found, key=lambda each: (each[2].images[0].agreement or -1.0, each[2].confidence))
+        given, refined = photo.placed(guess.pose, guess.evidence), photo.placed(pose, of_engine(answer))
+        doubts = contradictions(given.residuals_px, refined.residuals_px)
+        refined.evidence.warnings.extend(doubts)
+        # Clicked points are worth more than a refinement that the scan hardly supports; a rough pose is not.
+        is_doubted = by_hand.pairs is not None and (bool(doubts) or answer.status != "localized")
+        moved = pose_error(pose, guess.pose)
+        return Placement(
+            given,
+            refined,
+            "given" if is_doubted else "refined",
+            moved.position_m,
+            moved.orientation_deg,
+            photo.answer(refined, answer),
+        )
+
+    async def confirm(self, record: BatchRecord, number: int, placement: Placement) -> None:
+        """Store what came of it: from now on the photo is where the person has placed it."""
+        document = placement.answer.model_dump(mode="json")
+        await self._store.put_by_hand(record.id, number, {"status": "localized", "answer": document})
+
+    async def undo(self, record: BatchRecord, number: int) -> None:
+        """Return to the answer of the search."""
+        await self._store.put_by_hand(record.id, number, None)
+
+    async def _refined(
+        self, photo: "_Photo", data: bytes, guess: "_Guess", by_hand: ByHand, request_id: str
+    ) -> tuple[Pose, Localization] | None:
+        """Return what the engine makes of a guess, None where it compares nothing there."""
+        if not by_hand.is_refined:
+            return None
+        position, turned = guess.pose.position.tolist(), guess.pose.quaternion_xyzw.tolist()
+        prior = PosePrior(tuple(position), tuple(turned), "ros", guess.position_std_m, guess.orientation_std_deg, True)
+        record = photo.record
+        options = replace(record.options, method="fast", hints=Hints(prior=prior), artifacts=(), top_k=1)
+        image = QueryImage(data, camera=record.camera)
+        choice = MapChoice((by_hand.map_id,), None, record.tenant)
+        answer = await self._localizations.answer(LocalizeRequest((image,), choice, options, request_id))
+        best = answer.pose or next((each.pose for each in answer.alternatives), None)
+        if best is None:
+            return None
+        at, turn = best.map_from_camera.position_m, best.map_from_camera.quaternion
+        return Pose.from_frame((at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w), best.frame), answer
+
+
+@dataclass(frozen=True)
+class _Guess:
+    pose: Pose
+    position_std_m: float
+    orientation_std_deg: float
+    evidence: Evidence
+
+
+@dataclass(frozen=True)
+class _Photo:
+    """The photo and the map in which it is placed. place: of the map on Earth."""
+
+    record: BatchRecord
+    seen: ShownCamera
+    pairs: Pairs | None
+    place: PlaceOnEarth | None
+    ref: MapRef
+
+    def placed(self, pose: Pose, evidence: Evidence) -> Placed:
+        """Return a pose with what speaks for it."""
+        off = None
+        if self.pairs is not None:
+            pixels = self.seen.of_seen(self.pairs.pixels)
+            off = residuals_px(self.seen.camera, pose, pixels, self.pairs.points).round(2).tolist()
+        shown = pose_answer(pose, self.record.options.frame, self.place)
+        return Placed(shown, off, evidence)
+
+    def answer(self, placed: Placed, engines: Localization | None) -> Localization:
+        """Return the answer that the photo gets. engines: of a refined pose."""
+        camera = self.seen.camera
+        at, turn = placed.pose.map_from_camera.position_m, placed.pose.map_from_camera.quaternion
+        pose = Pose.from_frame((at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w), placed.pose.frame)
+        found = engines and engines.images[0].camera
+        image = ImageAnswer(
+            pose=placed.pose,
+            agreement=placed.evidence.agreement,
+            camera=found or ImageCamera(model=camera.model, hfov_deg=round(camera.hfov_deg, 3)),
+        )
+        warnings = [BY_HAND, *placed.evidence.warnings]
+        return Localization(
+            id=engines.id if engines else new_id("loc"),
+            status="localized",
+            placed_by="hand",
+            map_id=self.ref.id,
+            map_revision=self.ref.revision,
+            pose=placed.pose,
+            map_from_session=placed.pose.map_from_camera,
+            images=[image],
+            geopose=geopose(pose, self.place),
+            confidence=placed.evidence.confidence,
+            accuracy=placed.evidence.accuracy or Accuracy(position_m=None, orientation_deg=None, level=LEVEL),
+            alternatives=[],
+            change=engines.change if engines else Change(panorama_changed_fraction=None, map_changed_fraction=None),
+            timings_s=engines.timings_s if engines else {},
+            search=engines.search if engines else {},
+            warnings=list(warnings),
+            reasons=[remark.reason for remark in warnings],
+            artifacts={},
+        )
+
+
+def _guesses(by_hand: ByHand, seen: ShownCamera) -> list[_Guess]:
+    if by_hand.pairs is None:
+        assert by_hand.pose is not None
+        return [_Guess(by_hand.pose, by_hand.position_std_m, by_hand.orientation_std_deg, UNMEASURED)]
+    points = by_hand.pairs.points
+    solved = resect(seen.camera, seen.of_seen(by_hand.pairs.pixels), points)
+
+    def guess(each: Resection) -> _Guess:
+        """Return one of the poses, as if it were the first."""
+        ordered = [each, *(other for other in solved if other is not each)]
+        return _Guess(each.pose, each.radius_m, each.radius_deg, of_pairs(ordered, len(points)))
+
+    return [guess(each) for each in solved]

@@ -1,0 +1,82 @@
+"""What speaks for a pose that a person sets: nothing, the points that were clicked, or the engine; and the doubts, in words."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from panoloc.core.camera.resection import LEAST_PAIRS, Resection
+from panoloc.core.remarks import Remark
+from panoloc.service.answer import Accuracy, Localization
+
+LEVEL = 0.68
+BY_HAND = Remark("placed_by_hand", "a person has placed this photo")
+_UNMEASURED = Remark(
+    "placed_by_hand",
+    "the pose is as it was set by hand: nothing says how accurate it is; refine it, or click points in photo and scan",
+)
+_RIGHT_M, _RIGHT_DEG = 0.3, 10.0  # what `confidence` of an answer is about
+_MOST_OF_PAIRS = 0.95  # geometry knows nothing of points that were mistaken for others
+_RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
+_AWAY = 3.0  # times the residuals of the clicked points, from which on a refined pose contradicts them
+_AWAY_PX = 10.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for a pose. agreement: of photo and scan, −1..1. confidence: as of an answer; 0 where nothing measures it."""
+
+    agreement: float | None
+    confidence: float
+    accuracy: Accuracy | None
+    warnings: list[Remark]
+
+
+UNMEASURED = Evidence(None, 0.0, None, [_UNMEASURED])
+"""Of a pose that was set by hand alone."""
+
+
+def of_pairs(solved: Sequence[Resection], num_pairs: int) -> Evidence:
+    """Return what pairs say for the first of the poses that they leave."""
+    first, words = solved[0], []
+    if len(solved) > 1:
+        span_m = max(float(np.linalg.norm(each.pose.position - first.pose.position)) for each in solved)
+        words.append(
+            f"the points fit {len(solved)} places, up to {span_m:.1f} m apart; click one more to decide between them"
+        )
+    elif num_pairs == LEAST_PAIRS:
+        words.append("three points always fit, so a wrong one does not show; click a fourth as a check")
+    accuracy = Accuracy(position_m=first.radius_m, orientation_deg=first.radius_deg, level=LEVEL)
+    right = _share_within(_RIGHT_M, first.radius_m) * _share_within(_RIGHT_DEG, first.radius_deg) / len(solved)
+    return Evidence(
+        None, round(min(right, _MOST_OF_PAIRS), 4), accuracy, [Remark("placed_by_hand", each) for each in words]
+    )
+
+
+def of_engine(answer: Localization) -> Evidence:
+    """Return what the engine says for the pose to which it has refined one."""
+    remarks = [Remark(reason, words) for reason, words in zip(answer.reasons, answer.warnings, strict=True)]
+    if answer.status != "localized":
+        words = (
+            "photo and scan agree too little there for an answer of the search; compare them by eye before you confirm"
+        )
+        remarks.append(Remark("placed_by_hand", words))
+    return Evidence(answer.images[0].agreement, answer.confidence, answer.accuracy, remarks)
+
+
+def contradictions(given_px: Sequence[float] | None, refined_px: Sequence[float] | None) -> list[Remark]:
+    """Return a remark where the refined pose does not see the clicked points where they were clicked; residuals in pixels."""
+    if given_px is None or refined_px is None:
+        return []
+    before, after = (math.sqrt(float(np.square(each).mean())) for each in (given_px, refined_px))
+    if after <= _AWAY * before + _AWAY_PX:
+        return []
+    words = f"the refined pose is {after:.0f} px off the clicked points, the solved one {before:.0f} px"
+    return [Remark("placed_by_hand", f"{words}; if the points are right, confirm without refinement")]
+
+
+def _share_within(limit: float, radius_68: float) -> float:
+    """Return the probability that an error in three dimensions, of which 68 % are within a radius, is within a limit."""
+    ratio = limit / max(radius_68 / _RADIUS_68 / math.sqrt(3), 1e-9)
+    return math.erf(ratio / math.sqrt(2)) - math.sqrt(2 / math.pi) * ratio * math.exp(-(ratio**2) / 2)

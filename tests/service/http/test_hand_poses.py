@@ -1,0 +1,163 @@
+"""Photos placed by hand over HTTP: solved, refined, confirmed, undone, exported, and refused. A fake pool refines to its own pose."""
+
+import io
+import math
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.geometry.pose import Pose
+from panoloc.service.http.schemas.batches import BatchItem
+from panoloc.service.http.schemas.hand_poses import HandPlacement
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
+from panoloc.service.keys.caller import Scope
+from panoloc.service.keys.key_file import KeyFile
+from tests.core.image.picture_files import encoded
+from tests.service.http.fake_pool import outcome_of
+from tests.service.http.running_service import RunningService, Serve
+
+pytestmark = pytest.mark.anyio
+POINTS = np.array([[0.1, 0.2, 2.5], [5.9, 0.3, 0.4], [5.8, 4.9, 2.4], [0.3, 4.7, 0.9]])
+SPHERE = Camera("equirectangular", 1000, 500, 500 / math.pi, 500 / math.pi, 500, 250)
+PHOTO = encoded(np.zeros((500, 1000, 3), np.uint8), "PNG")
+TRUE = Pose(np.eye(3), np.array([2.0, 2.0, 1.5]))
+ROUGH = {
+    "frame": "ros",
+    "map_from_camera": {"position_m": {"x": 1, "y": 0, "z": 1.5}, "quaternion": {"x": 0, "y": 0, "z": 0, "w": 1}},
+}
+
+
+def lost(job: LocalizeJob) -> LocalizeOutcome:
+    """Return what a worker says of a photo that it does not find, with a guess."""
+    return outcome_of(job, status="not_localized")
+
+
+def pairs(count: int = 4) -> list[dict[str, Any]]:
+    u, v, _ = project_to_image(SPHERE, POINTS[:count] - TRUE.position)
+    return [
+        {"pixel": [x, y], "position_m": point}
+        for x, y, point in zip(u.tolist(), v.tolist(), POINTS.tolist(), strict=False)
+    ]
+
+
+async def lost_photo(
+    running: RunningService, outcome: Callable[[LocalizeJob], LocalizeOutcome] = lost
+) -> tuple[str, str]:
+    """Return the paths of a batch and of the pose of its first photo."""
+    running.pool.outcome_of = outcome
+    map_id = await running.ready_map()
+    files = [("image", (name, PHOTO)) for name in ("a.png", "b.png")]
+    batch_id = (await running.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+    await running.done(batch_id)
+    return f"/batches/{batch_id}", f"/batches/{batch_id}/images/0/pose"
+
+
+async def test_a_lost_photo_is_placed_by_points_and_counts_as_found_until_that_is_undone(
+    running: RunningService,
+) -> None:
+    batch, path = await lost_photo(running)
+    assert (await running.json(batch))["counts"]["not_localized"] == 2
+    tried = await running.client.post(path, json={"pairs": pairs(), "refine": False})
+    assert tried.status_code == 200, tried.text
+    HandPlacement.model_validate(tried.json())
+    given = tried.json()["given"]
+    assert list(given["pose"]["map_from_camera"]["position_m"].values()) == pytest.approx(TRUE.position, abs=1e-3)
+    assert given["residuals_px"] == pytest.approx([0] * 4, abs=0.1)
+    assert (tried.json()["refined"], tried.json()["item"]["status"]) == (None, "not_localized")
+    confirmed = (await running.client.post(path, json={"pairs": pairs(), "refine": False, "confirm": True})).json()[
+        "item"
+    ]
+    BatchItem.model_validate(confirmed)
+    body = await running.json(batch)
+    assert body["items"][0] == confirmed
+    assert (body["counts"]["localized"], body["counts"]["not_localized"]) == (1, 1)
+    answer = confirmed["answer"]
+    assert (answer["status"], answer["placed_by"], "placed_by_hand" in answer["reasons"]) == ("localized", "hand", True)
+    assert 0.5 < answer["confidence"] < 1
+    assert 0 < answer["accuracy"]["position_m"] < 0.3
+    undone = await running.client.delete(path)
+    assert (undone.status_code, undone.json()["status"]) == (200, "not_localized")
+    assert (await running.json(batch))["counts"]["localized"] == 0
+    assert (await running.client.delete(path)).status_code == 200
+
+
+async def test_a_rough_pose_is_refined_there_alone(running: RunningService) -> None:
+    _, path = await lost_photo(running)
+    running.pool.jobs.clear()
+    found = (await running.client.post(path, json={"pose": ROUGH})).json()
+    (job,) = running.pool.jobs
+    assert job.options.hints is not None
+    assert job.options.hints.prior is not None
+    assert (job.options.hints.prior.is_only, job.options.hints.prior.position_m) == (True, (1.0, 0.0, 1.5))
+    assert found["refined"]["pose"]["map_from_camera"]["position_m"] == pytest.approx({"x": 1.2, "y": 0.3, "z": 1.5})
+    assert found["moved_m"] == pytest.approx(math.hypot(0.2, 0.3))
+    assert (found["refined"]["confidence"], found["better"]) == (0.93, "refined")
+    assert any("by eye" in words for words in found["refined"]["warnings"])
+    assert (found["given"]["confidence"], found["given"]["accuracy"]) == (0, None)
+
+
+async def test_a_refined_pose_that_leaves_the_clicked_points_is_doubted(running: RunningService) -> None:
+    _, path = await lost_photo(running)
+    found = (await running.client.post(path, json={"pairs": pairs()})).json()
+    assert (found["refined"]["rms_px"] > 50, found["better"]) == (True, "given")
+    assert "confirm without refinement" in found["refined"]["warnings"][-1]
+
+
+async def test_what_was_placed_is_exported_and_outlives_the_service(serve: Serve) -> None:
+    async with serve() as running:
+        batch, path = await lost_photo(running)
+        assert (
+            await running.client.post(path, json={"pose": ROUGH, "refine": False, "confirm": True})
+        ).status_code == 200
+    async with serve() as running:
+        body = await running.json(batch)
+        assert body["items"][0]["answer"]["placed_by"] == "hand"
+        assert body["counts"]["localized"] == 1
+        exported = await running.client.get(f"{batch}/export", params={"format": "tum"})
+        assert exported.status_code == 200, exported.text
+        assert "a.png" not in zipfile.ZipFile(io.BytesIO(exported.content)).read("unplaced.txt").decode()
+        assert (await running.client.delete(batch)).status_code == 204
+        assert not list(running.storage.names("batches"))
+
+
+async def test_what_cannot_be_placed_is_refused_with_what_to_do(running: RunningService) -> None:
+    batch, path = await lost_photo(running)
+    in_line = [{"pixel": [100 * x, 250], "position_m": [float(x), 0, 0]} for x in range(1, 4)]
+    for body, field in (
+        ({}, "body"),
+        ({"pose": ROUGH, "pairs": pairs()}, "body"),
+        ({"pairs": pairs(2)}, "pairs"),
+        ({"pairs": in_line}, "pairs"),
+        ({"pairs": [{**each, "pixel": [2000, 100]} for each in pairs()]}, "pairs.0.pixel"),
+        ({"pose": {**ROUGH, "frame": "nowhere"}}, "pose.frame"),
+    ):
+        reply = await running.client.post(path, json=body)
+        assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, field), reply.text
+    assert (await running.client.post(f"{batch}/images/2/pose", json={"pose": ROUGH})).status_code == 404
+    assert (await running.client.post(path, json={"pose": ROUGH, "map_id": "map_unknown"})).status_code == 404
+
+
+async def test_a_photo_that_still_waits_is_not_placed(serve: Serve) -> None:
+    async with serve(is_held=True) as running:
+        map_id = await running.ready_map()
+        batch_id = (await running.post_batch(map_id, "a.png")).json()["id"]
+        reply = await running.client.post(f"/batches/{batch_id}/images/0/pose", json={"pose": ROUGH})
+        assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, "number")
+        running.pool.localize_gate.set()
+
+
+async def test_only_the_tenant_of_a_batch_places_its_photos(serve: Serve, tmp_path: Path) -> None:
+    file, scopes = KeyFile(tmp_path), cast(list[Scope], ["read", "localize", "write"])
+    ann, bob = (file.make(name, scopes, tenant=name)[1] for name in ("ann", "bob"))
+    async with serve() as running:
+        _, path = await lost_photo(running.by(ann))
+        assert await running.by(bob).status("POST", path, json={"pose": ROUGH}) == 404
+        assert await running.by(bob).status("DELETE", path) == 404
+        assert await running.status("POST", path, json={"pose": ROUGH}) == 401
+        assert await running.by(ann).status("POST", path, json={"pose": ROUGH}) == 200
