@@ -1,7 +1,7 @@
 """What formats hold, what they leave out, and what they refuse."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import get_args
 from xml.etree import ElementTree
@@ -14,13 +14,13 @@ from PIL import Image
 
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports.formats import EXPORTERS, export, north_of
-from panoloc.core.exports.tour import LeftOut, Tour
+from panoloc.core.exports.tour import LeftOut, Tour, read_tour
 from panoloc.core.options import ExportFormat
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 from tests.core.exports.readers import READERS
-from tests.core.exports.tours import GOLDEN, LARGE, document_of, golden_tour, rotation_of, written
+from tests.core.exports.tours import GEOREFERENCE, GOLDEN, LARGE, document_of, golden_tour, rotation_of, written
 from tests.core.scan.e57_files import add_scan, buffers_of
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
@@ -127,6 +127,44 @@ def test_without_all_times_photos_are_numbered_in_their_order() -> None:
     (table, *_) = export("potree", tour)
     assert isinstance(table.content, bytes)
     assert [line.split("\t")[1] for line in table.content.decode().splitlines()] == ["time", "0", "1"]
+
+
+@pytest.mark.parametrize(
+    ("offset", "expected"),
+    [("+02:00", "2025-06-26T12:03:18.250Z"), ("   :  ", "2025-06-26T14:03:18.250"), ("", "2025-06-26T14:03:18.250")],
+)
+def test_a_clock_without_an_offset_is_not_called_universal_time(offset: str, expected: str, tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0x9003: "2025:06:26 14:03:18", 0x9291: "25"})
+    if offset:
+        exif.get_ifd(0x8769)[0x9011] = offset
+    Image.new("RGB", (64, 32)).save(tmp_path / "a.jpg", exif=exif)
+    pose = {"frame": "ros", "position_m": [1, 2, 3], "quaternion_xyzw": [0, 0, 0, 1], "camera_model": "equirectangular"}
+    document = {
+        "name": "map_1",
+        "created_unix_s": 0,
+        "coordinate_system": None,
+        "geoid_undulation_m": None,
+        "scan": None,
+        "survey": None,
+    }
+    document |= {
+        "georeference": asdict(GEOREFERENCE),
+        "left_out": [],
+        "photos": [{"name": "a.jpg", "image": str(tmp_path / "a.jpg"), **pose}],
+    }
+    (tmp_path / "tour.json").write_text(json.dumps(document))
+    tour = read_tour(tmp_path / "tour.json", tmp_path)
+    (feature,) = document_of("geojson", tour, tmp_path, "photos.geojson")["features"]
+    assert feature["properties"]["time"] == expected
+    assert expected in (written("arcgis", tour, tmp_path) / "oriented_imagery.csv").read_text().splitlines()[1].split(
+        ","
+    )
+    (item,) = document_of("stac", tour, tmp_path, "items.json")["features"]
+    times = [item["properties"].get(name) for name in ("datetime", "start_datetime", "end_datetime")]
+    interval = [None, "2025-06-26T00:03:18.250Z", "2025-06-27T02:03:18.250Z"]  # from 14 hours ahead of UTC to 12 behind
+    assert times == ([expected, None, None] if expected.endswith("Z") else interval)
+    assert pystac.Item.from_dict({**item, "stac_extensions": []}).validate()
 
 
 @pytest.mark.slow
