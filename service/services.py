@@ -17,6 +17,7 @@ from panoloc.service.limits.capacity import bytes_in_flight, upload_places
 from panoloc.service.limits.wrong_keys import WrongKeys
 from panoloc.service.localizations import Localizations
 from panoloc.service.maps.changes import ChangeLog
+from panoloc.service.maps.control import ControlBook
 from panoloc.service.maps.registrations import Registrations
 from panoloc.service.maps.registry import MapRegistry
 from panoloc.service.metrics import Metrics
@@ -46,6 +47,7 @@ class Services:
         self.registry = MapRegistry(storage, settings.max_maps, self.locks)
         self.metrics = Metrics(pool.state, self.registry.num_by_status)
         self.changes = ChangeLog(storage)
+        self.control = ControlBook(storage)
         self.localizations = Localizations(settings, self.registry, pool, cache, storage, self.metrics, self.changes)
         self.batches = BatchStore(storage, MOST_BATCHES, self.locks)
         self.batch_runs = BatchRuns(self.batches, self.localizations, pool, settings.max_pixels)

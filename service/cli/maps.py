@@ -1,20 +1,22 @@
-"""`panoloc maps`: list, share and delete maps."""
+"""`panoloc maps`: list, check, share and delete maps."""
 
 import io
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
 
 import typer
 from rich.text import Text
 
+from panoloc.service.cli.control_table import control_table
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.cli.tables import map_table, older_revision
 from panoloc.service.client import ClientError, JsonClient, JsonObject, UnreachableError
 from panoloc.service.host_names import is_loopback
 
-app = typer.Typer(help="List, share or delete maps.")
+app = typer.Typer(help="List, check, share or delete maps.")
 
 MapIds = Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the maps.")]
 
@@ -26,7 +28,7 @@ def list_maps(
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> None:
-    """List, share or delete maps."""
+    """List, check, share or delete maps."""
     if ctx.invoked_subcommand is not None:
         return
     session = Session.of(ctx, json)
@@ -106,6 +108,64 @@ def share(
 
     done = _for_each(session, url, map_ids, share_one) if tenants or not qr else ExitCode.OK
     return _for_each(session, url, map_ids, link_one) if qr and done == ExitCode.OK else done
+
+
+@app.command("control-points")
+def control_points(
+    ctx: typer.Context,
+    map_id: Annotated[str, typer.Argument(metavar="MAP", help="Id of the map.")],
+    csv: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="CSV",
+            exists=True,
+            dir_okay=False,
+            help="Points with known coordinates: name, x, y, z or name, lat, lon, height, and map_x, map_y, map_z where the places in the "
+            "scan are known. Without it, show the points that the map has.",
+        ),
+    ] = None,
+    system: Annotated[
+        str | None, typer.Option(metavar="EPSG", help="Coordinate system of x and y; default: that of the map.")
+    ] = None,
+    undulation: Annotated[
+        float | None, typer.Option(metavar="M", help="Height of the geoid above the ellipsoid, metres.")
+    ] = None,
+    apply: Annotated[
+        bool, typer.Option("--apply", help="Give the map the place on Earth by which the points fit best.")
+    ] = False,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> int:
+    """Check a map against control points: residuals and their root mean square, as it stands and after the best fit.
+
+    Places in the scan come from the CSV, or are clicked in the console under "Control points". --apply needs three or more of them.
+    """
+    session = Session.of(ctx, json)
+    body: JsonObject | None = None
+    if csv is not None:
+        body = {
+            "csv": csv.read_text("utf-8-sig", "replace"),
+            "coordinate_system": system,
+            "geoid_undulation_m": undulation,
+        }
+    elif system is not None or undulation is not None:
+        raise typer.BadParameter(
+            "expected together with a CSV, got none; name the file", param_hint="--system, --undulation"
+        )
+    with session.client(url) as client:
+        try:
+            report = client.control_points(map_id, body)
+            found = (report["fit"] or {}).get("georeference")
+            if apply and found:
+                client.change_map(map_id, {"georeference": found})
+                report = client.control_points(map_id)
+        except ClientError as error:
+            return session.show_failure(error, [map_id])
+    session.show(report, control_table(report))
+    if apply and not found:
+        session.messages.print(f"The map is as it was: {report['no_georeference']}.", markup=False)
+        return ExitCode.ERROR
+    return ExitCode.OK
 
 
 def _qr_code(text: str) -> Text:

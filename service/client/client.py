@@ -117,6 +117,12 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         address = {"service_url": service_url or self.url}
         return json_object(self._checked("POST", f"/maps/{map_id}/links", json=address))
 
+    def control_points(self, map_id: str, body: Mapping[str, Any] | None = None) -> JsonObject:
+        """Return the control points of a map with their residuals. body: of `PUT /maps/{id}/control-points`, None to change none."""
+        path = f"/maps/{map_id}/control-points"
+        reply = self._checked("GET", path) if body is None else self._checked("PUT", path, json=dict(body))
+        return json_object(reply)
+
     def delete_map(self, map_id: str) -> None:
         """Delete a map with its scan and its index."""
         self._checked("DELETE", f"/maps/{map_id}")

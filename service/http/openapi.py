@@ -10,6 +10,7 @@ from pydantic.json_schema import models_json_schema
 
 from panoloc.service.answer import BY_STATUS, Localization
 from panoloc.service.http.schemas.batches import BatchOptions
+from panoloc.service.http.schemas.control import ControlBody
 from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
 from panoloc.service.http.schemas.hand_poses import HandPose
 from panoloc.service.http.schemas.maps import LinkRequest, MapOptions, MapPatch, ScanOptions
@@ -27,6 +28,7 @@ _MODELS: tuple[type[BaseModel], ...] = (
     ScanOptions,
     MapPatch,
     LinkRequest,
+    ControlBody,
     LocalizeOptions,
     BatchOptions,
     HandPose,

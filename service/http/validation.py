@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from panoloc.core.errors import PanoramaTooLargeError, ScanTooLargeError
+from panoloc.core.errors import OptionsError, PanoramaTooLargeError, ScanTooLargeError
 from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
 
 ModelType = TypeVar("ModelType", bound=BaseModel)
@@ -82,6 +82,16 @@ def limited_by(setting: str) -> Iterator[None]:
         yield
     except (ScanTooLargeError, PanoramaTooLargeError) as error:
         raise type(error)(f"{error} (the limit is {setting})") from error
+
+
+@contextmanager
+def named_field() -> Iterator[None]:
+    """Raise InvalidOptionsError of the field that the message of an OptionsError begins with."""
+    try:
+        yield
+    except OptionsError as error:
+        field, _, words = str(error).partition(": ")
+        raise InvalidOptionsError.of(field, words) from error
 
 
 def _refuse_doubles(data: bytes) -> None:

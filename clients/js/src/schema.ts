@@ -248,6 +248,129 @@ export interface components {
             last_changed_at: string;
         };
         /**
+         * CheckedPoint
+         * @description A control point and its residuals.
+         */
+        CheckedPoint: {
+            /** Name */
+            name: string;
+            /** X */
+            x: number | null;
+            /** Y */
+            y: number | null;
+            /** Z */
+            z: number | null;
+            /** Latitude Deg */
+            latitude_deg: number | null;
+            /** Longitude Deg */
+            longitude_deg: number | null;
+            /** Height M */
+            height_m: number | null;
+            /**
+             * Position M
+             * @description The point in the map's own frame; null while it is not known.
+             */
+            position_m: number[] | null;
+            /** @description As the map stands; null where it has no place to compare with. */
+            as_is: components["schemas"]["Residual"] | null;
+            /** @description After the fit. */
+            fitted: components["schemas"]["Residual"] | null;
+            /**
+             * Left Out M
+             * @description Distance from where the fit of all other points puts this one.
+             */
+            left_out_m: number | null;
+        };
+        /**
+         * ControlFit
+         * @description The best turn about the vertical and shift of the map.
+         */
+        ControlFit: {
+            /** Num Points */
+            num_points: number;
+            /** Rms Horizontal M */
+            rms_horizontal_m: number;
+            /** Rms Up M */
+            rms_up_m: number;
+            /** Rms M */
+            rms_m: number;
+            /** Largest M */
+            largest_m: number;
+            /**
+             * Rms Left Out M
+             * @description Of each point against the fit of the others: what a point without control can be off by.
+             */
+            rms_left_out_m: number;
+            /**
+             * Turn Deg
+             * @description Counter-clockwise, from the map to the coordinates.
+             */
+            turn_deg: number;
+            /**
+             * Scale
+             * @description Distances of the coordinates to those of the map; the fit does not scale.
+             */
+            scale: number;
+            /**
+             * Tilt Deg
+             * @description Of the fit that also tilts; the fit itself is level.
+             */
+            tilt_deg: number;
+            /** @description For `PATCH /maps/{id}`; null where `no_georeference` says why. */
+            georeference: components["schemas"]["Georeference"] | null;
+        };
+        /**
+         * ControlReport
+         * @description What control points say of a map.
+         */
+        ControlReport: {
+            /** Map Id */
+            map_id: string;
+            /** Revision */
+            revision: number;
+            /**
+             * Is On Earth
+             * @description False for coordinates without a coordinate system.
+             */
+            is_on_earth: boolean;
+            /**
+             * Coordinate System
+             * @description As sent with the points.
+             */
+            coordinate_system: string | null;
+            /** Geoid Undulation M */
+            geoid_undulation_m: number | null;
+            /** Points */
+            points: components["schemas"]["CheckedPoint"][];
+            as_is: components["schemas"]["ControlSummary"] | null;
+            fit: components["schemas"]["ControlFit"] | null;
+            /**
+             * No Fit
+             * @description Why there is no fit, and what to do.
+             */
+            no_fit: string | null;
+            /** No Georeference */
+            no_georeference: string | null;
+            /** Warnings */
+            warnings: string[];
+        };
+        /**
+         * ControlSummary
+         * @description Root mean squares over the points.
+         */
+        ControlSummary: {
+            /** Num Points */
+            num_points: number;
+            /** Rms Horizontal M */
+            rms_horizontal_m: number;
+            /** Rms Up M */
+            rms_up_m: number;
+            /** Rms M */
+            rms_m: number;
+            /** Largest M */
+            largest_m: number;
+        };
+        /**
          * Coordinates
          * @description A position of a map in the systems that are known of it.
          */
@@ -353,6 +476,26 @@ export interface components {
              * @description Metres above the ellipsoid.
              */
             h: number;
+        };
+        /**
+         * Georeference
+         * @description Position of the map's origin on Earth (WGS 84).
+         */
+        Georeference: {
+            /** Latitude Deg */
+            latitude_deg: number;
+            /** Longitude Deg */
+            longitude_deg: number;
+            /**
+             * Height M
+             * @description Above the ellipsoid. Default: 0.0.
+             */
+            height_m?: number;
+            /**
+             * Heading Deg
+             * @description Compass heading of the map's y axis, clockwise from north. Default: 0.0.
+             */
+            heading_deg?: number;
         };
         /**
          * GridPosition
@@ -939,6 +1082,22 @@ export interface components {
             request_id: string | null;
         };
         /**
+         * Residual
+         * @description Place in the map minus known coordinates, metres: true east, true north and up; without a place on Earth along x, y, z.
+         */
+        Residual: {
+            /** East M */
+            east_m: number;
+            /** North M */
+            north_m: number;
+            /** Up M */
+            up_m: number;
+            /** Horizontal M */
+            horizontal_m: number;
+            /** Distance M */
+            distance_m: number;
+        };
+        /**
          * RigidMotion
          * @description x_to = rotation · x_from + position: `map_from_camera` or `map_from_session`.
          */
@@ -1208,6 +1367,29 @@ export interface components {
             ];
         };
         /**
+         * ControlBody
+         * @description The body of `PUT /maps/{id}/control-points`: all points of the map, in place of the former ones.
+         */
+        ControlBody: {
+            /** Points */
+            points?: components["schemas"]["SentPoint"][] | null;
+            /**
+             * Csv
+             * @description Instead of `points`: the text of a CSV with the columns name, x, y, z or name, lat, lon, height; and map_x, map_y, map_z where the places in the scan are known. Other usual headings, delimiters and decimal commas are understood.
+             */
+            csv?: string | null;
+            /**
+             * Coordinate System
+             * @description Of x and y, by EPSG code or WKT; null: that of the map, or none.
+             */
+            coordinate_system?: string | null;
+            /**
+             * Geoid Undulation M
+             * @description Height of the geoid above the ellipsoid; null: that of the map.
+             */
+            geoid_undulation_m?: number | null;
+        };
+        /**
          * ExpectedMotion
          * @description x_map = rotation · x_camera + position, in the axes of `frame`. Other fields of an answer are ignored.
          */
@@ -1296,26 +1478,6 @@ export interface components {
             accuracy?: number | null;
         } & {
             [key: string]: unknown;
-        };
-        /**
-         * Georeference
-         * @description Position of the map's origin on Earth (WGS 84).
-         */
-        Georeference: {
-            /** Latitude Deg */
-            latitude_deg: number;
-            /** Longitude Deg */
-            longitude_deg: number;
-            /**
-             * Height M
-             * @description Above the ellipsoid. Default: 0.0.
-             */
-            height_m?: number;
-            /**
-             * Heading Deg
-             * @description Compass heading of the map's y axis, clockwise from north. Default: 0.0.
-             */
-            heading_deg?: number;
         };
         /**
          * HandPose
@@ -1608,6 +1770,50 @@ export interface components {
             geolocationReadings?: components["schemas"]["GeolocationReading"][] | null;
         } & {
             [key: string]: unknown;
+        };
+        /**
+         * SentPoint
+         * @description A point whose coordinates are known: x, y, z, or latitude, longitude and height.
+         */
+        SentPoint: {
+            /** Name */
+            name: string;
+            /**
+             * X
+             * @description East, metres, in the `coordinate_system`; without one, of a site or of the map itself.
+             */
+            x?: number | null;
+            /**
+             * Y
+             * @description North.
+             */
+            y?: number | null;
+            /**
+             * Z
+             * @description Height.
+             */
+            z?: number | null;
+            /**
+             * Latitude Deg
+             * @description WGS 84.
+             */
+            latitude_deg?: number | null;
+            /** Longitude Deg */
+            longitude_deg?: number | null;
+            /**
+             * Height M
+             * @description Above the ellipsoid.
+             */
+            height_m?: number | null;
+            /**
+             * Position M
+             * @description The point in the map's own frame, as clicked in the scan; null: as stored for this name, or not known yet.
+             */
+            position_m?: [
+                number,
+                number,
+                number
+            ] | null;
         };
         /**
          * SessionFromCamera

@@ -5,6 +5,7 @@ from fastapi.routing import APIRoute
 
 from panoloc.service.http.routes import (
     batches,
+    control,
     geopose,
     hand_poses,
     localize,
@@ -22,6 +23,7 @@ _GROUPS = (
     new_scans,
     map_files,
     map_links,
+    control,
     localize,
     geopose,
     new_batches,

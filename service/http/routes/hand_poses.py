@@ -6,7 +6,6 @@ import numpy as np
 from fastapi import APIRouter, Depends, Path, Request
 from starlette.responses import JSONResponse, Response
 
-from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.service.batches.by_hand import ByHand, HandPlacing, Pairs, Placed, Placement
 from panoloc.service.batches.record import BatchRecord
@@ -19,7 +18,7 @@ from panoloc.service.http.schemas.batches import BatchItem
 from panoloc.service.http.schemas.examples import HAND_PLACEMENT_EXAMPLE, HAND_POSE_EXAMPLE
 from panoloc.service.http.schemas.hand_poses import HandPlacement, HandPose
 from panoloc.service.http.uploads import read_body
-from panoloc.service.http.validation import parse_json
+from panoloc.service.http.validation import named_field, parse_json
 from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["batches"], dependencies=[Depends(require("localize"))])
@@ -47,13 +46,10 @@ async def place_by_hand(request: Request, batch_id: str, number: _Number) -> Res
             f"expected a photo that has been searched for, but {record.names[number]} still waits; try again once it is done",
         )
     placing = _placing(services)
-    try:
+    with named_field():
         placement = await while_connected(
             request, placing.place(record, number, _by_hand(wanted, record), request.state.request_id)
         )
-    except OptionsError as error:
-        field, _, words = str(error).partition(": ")
-        raise InvalidOptionsError.of(field, words) from error
     if wanted.confirm:
         if wanted.refine and placement.refined is None:
             raise InvalidOptionsError.of(

@@ -19,12 +19,12 @@ from panoloc.service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 # No control characters: names and tags end up in logs, terminals and URLs. Those of Latin-1 also begin escape
 # sequences, and those of Unicode reverse lines.
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069"
-_PRINTABLE = rf"^[^{_CONTROL}]*$"
+PRINTABLE = rf"^[^{_CONTROL}]*$"
 
 Name = Annotated[
-    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=PRINTABLE)
 ]
-Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_TAG, pattern=_PRINTABLE)]
+Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_TAG, pattern=PRINTABLE)]
 Tags = Annotated[list[Tag], Field(max_length=32), AfterValidator(lambda tags: list(dict.fromkeys(tags)))]
 
 

@@ -1,9 +1,14 @@
 """`panoloc maps` against a fake service."""
 
+import json
+from pathlib import Path
+from typing import Any
+
 import httpx
 import pytest
 
 from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.http.schemas.control import CONTROL_EXAMPLE
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
@@ -189,3 +194,35 @@ def test_the_state_of_the_newest_revision_is_shown_and_which_older_one_still_ans
     assert shown[0] in row
     assert below == shown[1:]
     assert ("revision" in row) == ("revision" in shown[0])
+
+
+def test_control_points_are_sent_shown_in_millimetres_and_applied(
+    panoloc: Panoloc, fake: FakeService, tmp_path: Path
+) -> None:
+    points = tmp_path / "points.csv"
+    points.write_text("name,x,y,z\nP1,1,2,3\n")
+    sent = list[dict[str, Any]]()
+
+    def answer(request: httpx.Request) -> httpx.Response | None:
+        sent.append(json.loads(request.content or b"null"))
+        return None if request.method == "PATCH" else httpx.Response(200, json=CONTROL_EXAMPLE)
+
+    fake.on_request = answer
+    out = panoloc("maps", "control-points", "map_1", str(points), "--system", "EPSG:25832", "--apply").out
+    assert sent[0]["csv"] == points.read_text()
+    assert sent[0]["coordinate_system"] == "EPSG:25832"
+    assert sent[1]["georeference"]["latitude_deg"] == 48.1371
+    assert "7.8" in out
+    assert "horizontal 8.0, up 4.0, 3D 8.9 mm" in out
+    assert "+200 ppm" in out
+
+
+def test_points_that_give_no_place_leave_the_map_as_it_is(panoloc: Panoloc, fake: FakeService) -> None:
+    why = "points: expected 3 or more points with a place in the scan, got 1; click more of them in the scan"
+    report = {**CONTROL_EXAMPLE, "fit": None, "no_fit": why, "no_georeference": why}
+    fake.on_request = lambda request: httpx.Response(200, json=report)
+    done = panoloc("maps", "control-points", "map_1", "--apply")
+    assert done.code == ExitCode.ERROR
+    assert [method for method, _ in fake.requests] == ["GET"]
+    assert "The map is as it was" in done.err
+    assert "click more" in " ".join(done.out.split())

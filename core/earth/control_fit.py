@@ -1,0 +1,147 @@
+"""The levelled rigid motion between control points and their places in a map: a turn about the vertical and a shift.
+
+A map stands on Earth by such a motion. Scale and tilt, which it leaves out, are measured to tell when a unit or an axis is wrong.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from panoloc.core.errors import OptionsError
+
+Array = NDArray[np.float64]
+
+LEAST_POINTS = 3
+_LEAST_APART_M = 0.05
+_LEAST_SHARE = 0.01  # of the largest distance
+_LEAST_WIDTH = 0.05  # of the figure of the points seen from above, to its length
+_SCALE_ERROR = 0.005
+_SCALE_NOISE = 3.0  # times what the residuals explain
+_UNITS = {0.3048: "feet", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
+_WORST_SHARE = 0.05  # of the extent of the points, that their residuals may be
+_SWAP = 0.2  # of the residuals, with which exchanged axes fit
+
+
+@dataclass(frozen=True)
+class LevelFit:
+    """known = turn about z by `yaw_rad` of position + shift, metres.
+
+    residuals: (n, 3), position moved minus known, along the axes of the known coordinates. left_out_m: (n,) distance of each point from
+    where the fit of the others puts it. scale: of the known coordinates to those of the map. tilt_deg: of a fit that may also tilt.
+    """
+
+    yaw_rad: float
+    shift: Array
+    residuals: Array
+    left_out_m: Array
+    scale: float
+    tilt_deg: float
+
+
+def fit_level(positions: Array, known: Array, names: Sequence[str]) -> LevelFit:
+    """Return the motion that moves positions (n, 3) best to known coordinates (n, 3), metres, z up. names: of the points, for
+    messages.
+
+    Raises OptionsError for points that fix none, or that do not belong together, with what is wrong with them.
+    """
+    _check_figure(positions, known, names)
+    yaw, shift = _level(positions, known)
+    residuals = _turned(positions, yaw) + shift - known
+    scale = _scale(positions, known)
+    _check_scale(scale, residuals, known)
+    left_out = np.array([_left_out(positions, known, number) for number in range(len(known))])
+    _check_residuals(positions, known, residuals, names[int(left_out.argmax())])
+    return LevelFit(yaw, shift, residuals, left_out, scale, _tilt_deg(positions, known))
+
+
+def _level(positions: Array, known: Array) -> tuple[float, Array]:
+    a, b = positions - positions.mean(axis=0), known - known.mean(axis=0)
+    across, along = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a[:, :2] * b[:, :2]).sum()
+    yaw = float(np.arctan2(across, along))
+    return yaw, known.mean(axis=0) - _turned(positions.mean(axis=0)[None], yaw)[0]
+
+
+def _turned(points: Array, yaw: float) -> Array:
+    c, s = np.cos(yaw), np.sin(yaw)
+    turned: Array = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turned
+
+
+def _left_out(positions: Array, known: Array, number: int) -> float:
+    others = np.delete(positions, number, axis=0), np.delete(known, number, axis=0)
+    yaw, shift = _level(*others)
+    return float(np.linalg.norm(_turned(positions[number][None], yaw)[0] + shift - known[number]))
+
+
+def _scale(positions: Array, known: Array) -> float:
+    spread = [np.sqrt(np.square(each - each.mean(axis=0)).sum()) for each in (known, positions)]
+    return float(spread[0] / spread[1])
+
+
+def _tilt_deg(positions: Array, known: Array) -> float:
+    """Return by how much the vertical tilts in the rigid fit without a level; 0 where the points are flat enough not to tell."""
+    u, _, vt = np.linalg.svd((known - known.mean(axis=0)).T @ (positions - positions.mean(axis=0)))
+    rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1))))
+
+
+def _check_figure(positions: Array, known: Array, names: Sequence[str]) -> None:
+    if len(known) < LEAST_POINTS:
+        raise OptionsError(
+            f"points: expected {LEAST_POINTS} or more points with a place in the scan, got {len(known)}; click more of them in the scan"
+        )
+    for what, points in (("in the scan", positions), ("by their coordinates", known)):
+        apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+        least = min(_LEAST_APART_M, _LEAST_SHARE * apart.max())  # coordinates may be in other units
+        apart += 1e9 * np.eye(len(points))
+        if apart.min() <= least:
+            one, other = sorted(divmod(int(apart.argmin()), len(points)))
+            raise OptionsError(
+                f"points: expected points apart from each other, got {names[one]} and {names[other]} at the same place {what}; "
+                "correct or remove one of them"
+            )
+        _, widths, _ = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0))
+        if widths[1] < _LEAST_WIDTH * widths[0]:
+            raise OptionsError(
+                f"points: expected points that are not in one line as seen from above, got such a line {what}; add a point to its side"
+            )
+
+
+def _check_scale(scale: float, residuals: Array, known: Array) -> None:
+    size = float(np.sqrt(np.square(known - known.mean(axis=0)).sum()))
+    if abs(scale - 1) <= _SCALE_ERROR:
+        return
+    guesses = [
+        f"as if the {what} were in {unit}"
+        for factor, unit in _UNITS.items()
+        for what, size_of in (("positions of the map", factor), ("coordinates", 1 / factor))
+        if abs(scale / size_of - 1) < 0.02
+    ]
+    if not guesses and abs(scale - 1) * size < _SCALE_NOISE * float(np.sqrt(np.square(residuals).mean())):
+        return  # of points that fit badly anyway: `_check_residuals` says so
+    why = guesses[0] if guesses else "which no unit explains: compare one distance in scan and list"
+    raise OptionsError(
+        f"points: expected distances as in the map, got known coordinates whose distances are {scale:.4g} times those, {why}; "
+        "correct the unit of the scan or of the coordinates"
+    )
+
+
+def _check_residuals(positions: Array, known: Array, residuals: Array, worst: str) -> None:
+    rms = float(np.sqrt(np.square(residuals).sum(axis=1).mean()))
+    extent = float(np.linalg.norm(np.ptp(known, axis=0)))
+    if rms <= _WORST_SHARE * extent:
+        return
+    exchanged = known[:, [1, 0, 2]]
+    yaw, shift = _level(positions, exchanged)
+    swapped = float(np.sqrt(np.square(_turned(positions, yaw) + shift - exchanged).sum(axis=1).mean()))
+    if swapped < _SWAP * rms:
+        why = "with x and y exchanged they fit: name the columns, for some surveyors write north before east"
+    elif len(known) > LEAST_POINTS:
+        why = f"{worst} fits worst to the others: check its coordinates and its place in the scan"
+    else:
+        why = "check their coordinates, their order and their places in the scan"
+    raise OptionsError(
+        f"points: expected points that fit together, got residuals of {rms:.2f} m over {extent:.1f} m; {why}"
+    )
