@@ -15,8 +15,10 @@ Box = tuple[Vector, Vector]
 Method = Literal["fast", "paper"]
 Status = Literal["localized", "ambiguous", "not_localized"]
 Frame = Literal["ros", "opencv", "webxr", "unity"]
-Unit = Literal["m", "cm", "mm", "ft"]
-UpAxis = Literal["z", "y"]
+Unit = Literal["m", "cm", "mm", "ft", "us-ft"]
+UpAxis = Literal["z", "y", "x", "-z", "-y", "-x"]
+UnitChoice = Literal[Unit, "auto"]
+UpAxisChoice = Literal[UpAxis, "auto"]
 ColorKind = Literal["rgb", "labels"]
 StartsMethod = Literal["octree", "grid"]
 ExportFormat = Literal[
@@ -42,7 +44,7 @@ ExportFormat = Literal[
 FORMATS_ON_EARTH: frozenset[ExportFormat] = frozenset({"arcgis", "stac", "gpano", "geojson"})
 """They have places on Earth, so that a map needs a georeference or a coordinate system."""
 
-METRES_PER_UNIT: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+METRES_PER_UNIT: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "us-ft": 1200 / 3937}
 
 FARTHEST_M = 1e8
 """Of any coordinate: nothing on Earth lies farther from the origin of its frame, geocentric ones included."""
@@ -62,8 +64,9 @@ CAMERAS_FILE = "cameras.json"
 class ScanOptions:
     """How to read a scan.
 
-    unit: length unit of the file's coordinates. up_axis: the axis that points up in the file.
-    color_kind: "labels" are colour codes of classes and never averaged.
+    unit: length unit of the file's coordinates. up_axis: the axis that points up in the file. height_unit: of the coordinates along
+    it. "auto": as the file says, else as it looks. coordinate_system: of the coordinates, where it was given; its units count as the
+    file's own. color_kind: "labels" are colour codes of classes and never averaged.
     max_points: a file with more points is refused before anything is allocated.
     max_points_used: how many points may remain after voxel thinning.
     format: file extension ("ply", ".laz"), used when the path has none.
@@ -72,8 +75,10 @@ class ScanOptions:
     Raises OptionsError for a value out of its range.
     """
 
-    unit: Unit = "m"
-    up_axis: UpAxis = "z"
+    unit: UnitChoice = "auto"
+    up_axis: UpAxisChoice = "auto"
+    height_unit: UnitChoice = "auto"
+    coordinate_system: str | None = None
     color_kind: ColorKind = "rgb"
     max_points: int = 200_000_000
     max_points_used: int = 500_000
@@ -81,8 +86,9 @@ class ScanOptions:
     from_strangers: bool = False
 
     def __post_init__(self) -> None:
-        _check_choice("unit", self.unit, Unit)
-        _check_choice("up_axis", self.up_axis, UpAxis)
+        _check_choice("unit", self.unit, UnitChoice)
+        _check_choice("up_axis", self.up_axis, UpAxisChoice)
+        _check_choice("height_unit", self.height_unit, UnitChoice)
         _check_choice("color_kind", self.color_kind, ColorKind)
         for name, value in (("max_points", self.max_points), ("max_points_used", self.max_points_used)):
             if value < 1:

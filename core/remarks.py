@@ -8,6 +8,7 @@ Reason = Literal[
     "check_image",
     "hfov_contradicted",
     "images_contradict",
+    "map_doubtful",
     "map_left_out",
     "map_not_ready",
     "name_fewer_maps",

@@ -10,6 +10,7 @@ import structlog
 
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.image.image_header import image_kind
+from panoloc.core.remarks import Remark
 from panoloc.service.answer import Document, Localization
 from panoloc.service.cache import Cache
 from panoloc.service.errors import (
@@ -148,7 +149,8 @@ class Localizations:
                 self.metrics.note_refusal(error.limit)
             self.metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
-        answer = outcome.answer.as_waited_for(time.monotonic() - began, chosen.warnings)
+        remarks = [*chosen.warnings, *self._doubts(outcome.answer.map_id)]
+        answer = outcome.answer.as_waited_for(time.monotonic() - began, remarks)
         document = answer.model_dump(mode="json")
         stored = {**document, IS_TRACKED: query.images[0].session_from_camera is not None}
         try:
@@ -164,6 +166,15 @@ class Localizations:
             await self._keep(localization_id, query.images)
         self.metrics.note_localization(query.options.method, answer.status, answer.timings_s)
         return answer
+
+    def _doubts(self, map_id: str | None) -> list[Remark]:
+        """Return what an answer has to say of a map whose unit, heights or up axis are in doubt."""
+        record = self.registry.get(map_id) if map_id is not None and self.registry.has(map_id) else None
+        if record is None or record.serving is None:
+            return []
+        asked = [each["message"] for each in record.serving.diagnostics if each.get("question")]
+        words = "{} is perhaps read wrongly, and so is this pose: {} Answer the question that the map asks."
+        return [Remark("map_doubtful", words.format(record.id, message)) for message in asked]
 
     async def _outcome(
         self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str

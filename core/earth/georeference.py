@@ -44,7 +44,8 @@ class CoordinateSystem:
     """A projected coordinate system.
 
     definition: "EPSG:25832" where it has a code, else WKT. name: for people. heights: what they are above.
-    metres_per_unit: of its coordinates. epsg: code of its horizontal part, None without one.
+    metres_per_unit: of its coordinates. height_metres_per_unit: of its heights; None where it has none. epsg: code of its horizontal
+    part, None without one.
     """
 
     def __init__(self, text: str):
@@ -68,6 +69,9 @@ class CoordinateSystem:
         self.name: str = system.name
         self.heights: HeightReference = "geoid" if system.is_compound else _heights_of(system)
         self.metres_per_unit = float(system.axis_info[0].unit_conversion_factor)
+        self.height_metres_per_unit = (
+            float(system.axis_info[2].unit_conversion_factor) if len(system.axis_info) > 2 else None
+        )
         self._to_earth = Transformer.from_crs(horizontal.to_2d(), _WGS_84, always_xy=True)
         self._ellipsoid = Geod(ellps="WGS84")
         found = horizontal.to_authority("EPSG")

@@ -163,7 +163,7 @@ def _points_of(scan: Path | None) -> list[str]:
     """Return the lines of the points of a map, thinned to what a text file can bear; none without a scan."""
     if scan is None:
         return []
-    cloud = read_scan(scan, ScanOptions(max_points_used=_MAX_POINTS))
+    cloud = read_scan(scan, ScanOptions(unit="m", up_axis="z", max_points_used=_MAX_POINTS))
     positions = cloud.positions.astype(np.float64) + cloud.origin_offset
     return [
         f"{number} {' '.join(plain(value, 6) for value in position)} {' '.join(map(str, color))} 0"

@@ -95,7 +95,7 @@ def _new_file(path: Path, coordinate_metadata: str) -> Any:
 
 
 def _add_points(file: Any, scan: Path) -> None:
-    cloud = read_scan(scan, ScanOptions(max_points_used=ScanOptions.max_points))
+    cloud = read_scan(scan, ScanOptions(unit="m", up_axis="z", max_points_used=ScanOptions.max_points))
     positions = cloud.positions.astype(np.float64) + cloud.origin_offset
     # The scan's own pose takes the large coordinates, because points are written in single precision.
     shift = np.floor(positions.min(axis=0))

@@ -151,7 +151,7 @@ def draw_plan(placement: Placement) -> NDArray[np.uint8]:
 def _scan(placement: Placement, places: NDArray[np.float64]) -> SeenFromAbove:
     positions, colors = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     if placement.scan is not None:
-        cloud = read_scan(placement.scan, ScanOptions())
+        cloud = read_scan(placement.scan, ScanOptions(unit="m", up_axis="z"))
         positions, colors = cloud.positions.astype(np.float64) + cloud.origin_offset, cloud.colors
     corners = [np.quantile(positions, share, axis=0) for share in (_EDGES, 1 - _EDGES)] if len(positions) else []
     if len(places):

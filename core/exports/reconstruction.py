@@ -110,7 +110,7 @@ def write_nerfstudio(tour: Tour) -> Iterator[ExportedFile]:
 
 
 def _moved(scan: Path, offset: NDArray[np.float64]) -> bytes:
-    cloud = read_scan(scan, ScanOptions(max_points_used=ScanOptions.max_points))
+    cloud = read_scan(scan, ScanOptions(unit="m", up_axis="z", max_points_used=ScanOptions.max_points))
     positions = cloud.positions.astype(np.float64) + (cloud.origin_offset - offset)
     return encode_ply(replace(cloud, positions=positions.astype(np.float32), origin_offset=np.zeros(3)))
 

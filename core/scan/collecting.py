@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.earth.georeference import coordinate_system
+from panoloc.core.earth.georeference import CoordinateSystem, coordinate_system
 from panoloc.core.errors import OptionsError, ScanContentError
 from panoloc.core.options import FARTHEST_M, METRES_PER_UNIT
+from panoloc.core.scan.frame import UNIT_TOLERANCE, ReadAs, ScanFrame
+from panoloc.core.scan.judgement import judge
 from panoloc.core.scan.point_cloud import Diagnostic, PointCloud
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext
 from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner, column_bounds
@@ -16,8 +18,6 @@ from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner, column
 _LARGE_COORDINATE_M = 1000.0
 _SMALLEST_PLAUSIBLE_M = 0.2
 _LARGEST_PLAUSIBLE_M = 2000.0
-# US survey feet are 2 millionths longer than international ones.
-_UNIT_TOLERANCE = 1e-5
 # A little above 1, for colours that were interpolated or sharpened.
 _UNIT_RANGE_LIMIT = 1.01
 _DARKEST_PLAUSIBLE = 16
@@ -34,14 +34,17 @@ class ScanCollector:
         self._num_dropped = 0
         self._lowest = np.full(3, np.inf)
         self._highest = np.full(3, -np.inf)
+        self._farthest: float | None = None
 
     def add(self, chunk: RawChunk, num_read: int | None = None) -> None:
         """Take the usable points of `chunk`. num_read: how many points they were in their file, by default as many."""
         self._num_read += len(chunk.positions) if num_read is None else num_read
         self._context.options.check_num_points(self._num_read)
-        positions = self._to_map_frame(chunk.positions)
+        positions = chunk.positions
+        if self._farthest is None and len(positions):
+            self._farthest = self._farthest_of(positions)
         # The comparison is false for NaN as well.
-        usable = _all_true(np.abs(positions) <= FARTHEST_M)
+        usable = _all_true(np.abs(positions) <= (self._farthest or FARTHEST_M))
         if chunk.colors.dtype.kind == "f":
             usable &= _all_true(np.isfinite(chunk.colors))
         num_usable = int(np.count_nonzero(usable))
@@ -60,30 +63,59 @@ class ScanCollector:
         """Check the whole scan and return it."""
         self._check_content()
         thinned = self._thinner.finish()
-        self._note_conversions(thinned)
+        system, is_files = self._named_system()
+        brightness = (
+            None if self._context.options.color_kind == "labels" else thinned.colors.mean(axis=1, dtype=np.float64)
+        )
+        judged = judge(self._context, system, thinned.positions, brightness)
+        positions = judged.frame.to_map(thinned.positions)
+        corners = judged.frame.to_map(np.stack([self._lowest, self._highest]))
+        self._lowest, self._highest = corners.min(axis=0), corners.max(axis=0)
+        self._note_conversions(thinned, judged.frame, judged.read_as)
         offset = self._origin_offset()
-        definition = self._coordinate_system()
+        definition = self._coordinate_system(system, judged.frame, judged.read_as) if is_files else None
         return PointCloud(
-            positions=(thinned.positions - offset).astype(np.float32),
+            positions=(positions - offset).astype(np.float32),
             colors=self._colors.to_bytes(thinned.colors),
             origin_offset=offset,
             num_points_read=self._num_read,
             diagnostics=(*self._context.diagnostics, *self._colors.diagnostics()),
             coordinate_system=definition,
+            read_as=judged.read_as,
         )
 
-    def _coordinate_system(self) -> str | None:
-        """Return the coordinate system that the file names, None without one or where the coordinates cannot be in it."""
-        context, metres = self._context, METRES_PER_UNIT[self._context.options.unit]
-        if context.coordinate_system is None:
-            return None
+    def _farthest_of(self, positions: NDArray[np.float64]) -> float:
+        """Return how far from the origin points may be, in the unit of the file."""
+        unit = self._context.options.unit
+        if unit != "auto":
+            return FARTHEST_M / METRES_PER_UNIT[unit]
+        finite = np.abs(positions[np.isfinite(positions)])
+        is_near = not len(finite) or np.median(finite) <= FARTHEST_M
+        return FARTHEST_M if is_near else FARTHEST_M / min(METRES_PER_UNIT.values())
+
+    def _named_system(self) -> tuple[CoordinateSystem | None, bool]:
+        """Return the coordinate system of the coordinates, and whether the file names it."""
+        given, named = self._context.options.coordinate_system, self._context.coordinate_system
+        if given is None and named is not None:
+            try:
+                return coordinate_system(named), True
+            except OptionsError as error:
+                self._note_unused(error)
+        return None if given is None else coordinate_system(given), False
+
+    def _note_unused(self, error: OptionsError) -> None:
+        message = f"The coordinate system of the file is not used: {error}."
+        self._context.note("coordinate_system_unused", message, "warning")
+
+    def _coordinate_system(self, system: CoordinateSystem | None, frame: ScanFrame, read_as: ReadAs) -> str | None:
+        """Return the coordinate system that the file names, None where the coordinates cannot be in it."""
+        assert system is not None
         try:
-            if context.options.up_axis != "z":
-                raise OptionsError("it has z up, but the given up axis of the scan is y")
-            system = coordinate_system(context.coordinate_system)
-            if abs(system.metres_per_unit / metres - 1) > _UNIT_TOLERANCE:
+            if frame.up_axis != "z":
+                raise OptionsError(f"it has z up, but the given up axis of the scan is {frame.up_axis}")
+            if read_as.unit_from == "given" and abs(system.metres_per_unit / frame.metres - 1) > UNIT_TOLERANCE:
                 raise OptionsError(
-                    f"its unit is {system.metres_per_unit:.7g} m, but the given unit is {context.options.unit}; register the scan "
+                    f"its unit is {system.metres_per_unit:.7g} m, but the given unit is {read_as.unit}; register the scan "
                     "again with the unit of its coordinates"
                 )
             east, north, height = ((self._lowest + self._highest) / 2).tolist()
@@ -91,24 +123,14 @@ class ScanCollector:
             if place is None:
                 raise OptionsError(f"the scan, at {east:,.0f} east and {north:,.0f} north, lies outside its area")
         except OptionsError as error:
-            message = f"The coordinate system of the file is not used: {error}."
-            context.note("coordinate_system_unused", message, "warning")
+            self._note_unused(error)
             return None
-        context.note(
+        self._context.note(
             "coordinate_system",
             f"Coordinates are in {system.name}, as the file says; at the middle of the scan, {place.latitude_deg:.5f}, "
             f"{place.longitude_deg:.5f}, grid north is {place.convergence_deg:+.3f} degrees clockwise from true north.",
         )
         return system.definition
-
-    def _to_map_frame(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        metres = METRES_PER_UNIT[self._context.options.unit]
-        with np.errstate(over="ignore", invalid="ignore"):
-            if metres != 1.0:
-                positions = positions * metres
-            if self._context.options.up_axis == "y":
-                positions = np.stack([positions[:, 0], -positions[:, 2], positions[:, 1]], axis=1)
-        return positions
 
     def _check_content(self) -> None:
         if not self._num_read:
@@ -129,7 +151,7 @@ class ScanCollector:
             )
         self._colors.check()
 
-    def _note_conversions(self, thinned: ThinnedPoints) -> None:
+    def _note_conversions(self, thinned: ThinnedPoints, frame: ScanFrame, read_as: ReadAs) -> None:
         note, options = self._context.note, self._context.options
         if self._num_dropped:
             note(
@@ -138,16 +160,19 @@ class ScanCollector:
                 f"not finite or lie beyond {_metres(FARTHEST_M)}.",
                 "warning",
             )
-        if options.unit != "m":
-            note("unit_converted", f"Coordinates were converted from {options.unit} to metres.")
-        if options.up_axis == "y":
-            note("axes_converted", "The scan is y-up; (x, y, z) became (x, −z, y), so that z is up.")
+        if frame.metres != 1.0 or frame.height_metres != 1.0:
+            note("unit_converted", f"Coordinates were converted {_conversion(frame, read_as)}.")
+        if frame.up_axis != "z":
+            note(
+                "axes_converted",
+                f"The scan is {frame.up_axis}-up; (x, y, z) became {frame.turn_words}, so that z is up.",
+            )
         extent = (self._highest - self._lowest).max()
         if not _SMALLEST_PLAUSIBLE_M <= extent <= _LARGEST_PLAUSIBLE_M:
             note(
                 "suspicious_extent",
-                f"The scan measures {_metres(extent)} if its unit is {options.unit!r}; check the unit, "
-                "and set it to m, cm, mm or ft.",
+                f"The scan measures {_metres(extent)} if its unit is {read_as.unit!r}; check the unit, "
+                "and set it to m, cm, mm, ft or us-ft.",
                 "warning",
             )
         if thinned.voxel_size is not None:
@@ -155,7 +180,7 @@ class ScanCollector:
             note(
                 "thinned",
                 f"{self._num_read - self._num_dropped:,} points were thinned to {len(thinned.positions):,}: "
-                f"{kept} of each voxel of {_metres(thinned.voxel_size)}.",
+                f"{kept} of each voxel of {_metres(thinned.voxel_size * frame.metres)}.",
             )
 
     def _origin_offset(self) -> NDArray[np.float64]:
@@ -240,6 +265,18 @@ class ColorRange:
         # Bytes moved to the upper half (value * 256) against the full 16-bit range.
         is_shifted = self._dtype == np.uint16 and self._used_bits & 0xFF == 0
         return 1 / 256 if is_shifted else 255 / 65535
+
+
+_SOURCES = {"file": ", as the file says", "judged": ", by the heights of what was scanned"}
+
+
+def _conversion(frame: ScanFrame, read_as: ReadAs) -> str:
+    """Return the units that coordinates were converted from, and who says so."""
+    unit, height_unit = read_as.unit or f"{frame.metres:.9g} m", read_as.height_unit or f"{frame.height_metres:.9g} m"
+    source = _SOURCES.get(read_as.unit_from if frame.metres != 1.0 else read_as.height_unit_from, "")
+    if frame.metres == frame.height_metres:
+        return f"from {unit} to metres{source}"
+    return f"from {unit}, heights from {height_unit}, to metres{source}"
 
 
 def _metres(length: float) -> str:

@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 
 from panoloc.core.errors import CUT_SHORT, ScanDamagedError, ScanError
+from panoloc.core.options import Unit
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
 
 _COLORS = ("red", "green", "blue")
 # GeoTIFF keys; a key that holds its value in the directory itself has the location 0.
 _PROJECTED_KEY, _VERTICAL_KEY = 3072, 4096
+_UNIT_KEY, _VERTICAL_UNIT_KEY = 3076, 4099
+_UNITS: dict[int, Unit] = {9001: "m", 9002: "ft", 9003: "us-ft"}
 _EPSG_CODES = range(1024, 32767)
 _RECORD_BYTES, _EXTENDED_RECORD_BYTES = 54, 60
 _MAX_EXTENDED_BYTES = 1 << 28
@@ -34,7 +37,7 @@ def read_las(context: ReadingContext) -> Iterator[RawChunk]:
             context.check_point_count(num_points)
             if not set(_COLORS) <= set(kind.dimension_names):
                 raise no_color_error(f"LAS point format {kind.id}; formats 2, 3, 5, 7, 8 and 10 have colour")
-            context.coordinate_system = _coordinate_system(reader.header)
+            context.coordinate_system, context.unit, context.height_unit = _coordinate_system(reader.header)
             for points in reader.chunk_iterator(CHUNK_ROWS):
                 with np.errstate(over="ignore", invalid="ignore"):
                     positions = np.stack([np.asarray(points[axis], np.float64) for axis in "xyz"], axis=1)
@@ -67,8 +70,8 @@ def _check_records(context: ReadingContext) -> bool:
     return context.size_bytes - int(extended_start) <= _MAX_EXTENDED_BYTES
 
 
-def _coordinate_system(header: Any) -> str | None:
-    """Return WKT or "EPSG:…" from the records of the file, None where it says nothing."""
+def _coordinate_system(header: Any) -> tuple[str | None, Unit | None, Unit | None]:
+    """Return WKT or "EPSG:…", unit and unit of heights from the records of the file, None where it says nothing."""
     from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 
     records = [*header.vlrs, *(header.evlrs or ())]
@@ -76,9 +79,12 @@ def _coordinate_system(header: Any) -> str | None:
     directories = [each.geo_keys for each in records if isinstance(each, GeoKeyDirectoryVlr)]
     keys = {key.id: key.value_offset for found in directories for key in found if key.tiff_tag_location == 0}
     projected, vertical = keys.get(_PROJECTED_KEY, 0), keys.get(_VERTICAL_KEY, 0)
-    if wkt or projected not in _EPSG_CODES:
-        return wkt or None
-    return f"EPSG:{projected}+{vertical}" if vertical in _EPSG_CODES else f"EPSG:{projected}"
+    if wkt:
+        return wkt, None, None
+    system = f"EPSG:{projected}" if projected in _EPSG_CODES else None
+    if system and vertical in _EPSG_CODES:
+        system = f"{system}+{vertical}"
+    return system, _UNITS.get(keys.get(_UNIT_KEY, 0)), _UNITS.get(keys.get(_VERTICAL_UNIT_KEY, 0))
 
 
 def _unreadable_error(reason: str, num_done: int, num_points: int) -> ScanDamagedError:

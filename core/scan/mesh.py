@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.options import MAX_PIXELS, METRES_PER_UNIT
+from panoloc.core.options import MAX_PIXELS
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error
 
 Wrap = Literal["repeat", "clamp", "mirror"]
@@ -168,7 +168,7 @@ def iter_surface_samples(parts: Sequence[SurfacePart], context: ReadingContext) 
     if not total > 0:
         raise ScanContentError("The surface of the mesh has no extent: all of its triangles are flat or not finite.")
     most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points_used, context.options.max_points)
-    wanted = total * (METRES_PER_UNIT[context.options.unit] / SAMPLE_SPACING_M) ** 2
+    wanted = total * (context.sampled_metres / SAMPLE_SPACING_M) ** 2
     num_samples = int(min(max(wanted, MIN_SAMPLES), most))
     num_triangles = sum(len(each) for each in areas)
     context.note(

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -47,6 +48,7 @@ READERS: dict[str, ScanReader] = {
 SANDBOXED = frozenset({"gltf", "obj", "e57", "las"})
 """Formats read in the sandbox even when the file is trusted: native parsers, or references between many parts."""
 Progress = Callable[[float], None]
+Given = TypeVar("Given", bound=str)
 # Points as text take a second of a processor for a few megabytes.
 _CPU_S_PER_BYTE = 2e-6
 _SHARE_OF_READING = 0.95
@@ -97,10 +99,12 @@ def iter_chunks(name: str, context: ReadingContext) -> Iterator[RawChunk]:
     return read_in_sandbox(name, context, SandboxLimits(cpu_s=cpu_s))
 
 
-def _read_file(path: Path, options: ScanOptions, report: Progress, folder: Path | None = None) -> PointCloud:
-    """Read one file. folder: the files that it may refer to lie below it."""
+def _read_file(
+    path: Path, options: ScanOptions, report: Progress, folder: Path | None = None, is_part: bool = False
+) -> PointCloud:
+    """Read one file. folder: the files that it may refer to lie below it. is_part: see `ReadingContext`."""
     name, remark = detect_format(path, options.format)
-    context = ReadingContext(path, options, path.stat().st_size, folder=folder)
+    context = ReadingContext(path, options, path.stat().st_size, folder=folder, is_part=is_part)
     if remark:
         context.note("extension_mismatch", remark, "warning")
     collector = ScanCollector(context)
@@ -115,12 +119,20 @@ def _read_file(path: Path, options: ScanOptions, report: Progress, folder: Path 
 def _read_together(
     scans: list[Path], folder: Path, archive: Path, options: ScanOptions, report: Progress
 ) -> PointCloud:
-    # Every scan is brought to metres and z up by itself.
-    context = ReadingContext(archive, replace(options, unit="m", up_axis="z"), archive.stat().st_size)
+    # Every scan is brought to metres and z up by itself, as far as something says how.
+    whole = replace(
+        options,
+        unit=_known(options.unit, "m"),
+        height_unit="auto",
+        up_axis=_known(options.up_axis, "z"),
+        coordinate_system=None,
+    )
+    context = ReadingContext(archive, whole, archive.stat().st_size)
     collector = ScanCollector(context)
     systems: dict[str | None, str] = {}
     for number, scan in enumerate(scans):
-        cloud = _read_member(scan, folder, options, _part(report, number, len(scans)))
+        cloud = _read_member(scan, folder, options, _part(report, number, len(scans)), is_part=True)
+        _say_as(cloud, context)
         name = _name(scan, folder)
         systems.setdefault(cloud.coordinate_system, name)
         for found in cloud.diagnostics:
@@ -159,9 +171,22 @@ def _common_system(systems: dict[str | None, str], context: ReadingContext) -> s
     return system
 
 
-def _read_member(scan: Path, folder: Path, options: ScanOptions, report: Progress) -> PointCloud:
+def _known(given: Given, used: Given) -> Given:
+    """Return what is known of the whole when each scan was read as was given."""
+    return given if given == "auto" else used
+
+
+def _say_as(part: PointCloud, context: ReadingContext) -> None:
+    """Let the whole say what a part says of its unit and axes, which it has brought to metres and z up."""
+    if part.read_as is not None and part.read_as.unit_from == "file":
+        context.unit = "m"
+    if part.read_as is not None and part.read_as.up_axis_from == "file":
+        context.up_axis = "z"
+
+
+def _read_member(scan: Path, folder: Path, options: ScanOptions, report: Progress, is_part: bool = False) -> PointCloud:
     try:
-        return _read_file(scan, replace(options, format=None), report, folder=folder)
+        return _read_file(scan, replace(options, format=None), report, folder=folder, is_part=is_part)
     except ScanError as error:
         raise type(error)(f"{_name(scan, folder)}: {error}") from error
 

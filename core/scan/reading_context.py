@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.options import ScanOptions
+from panoloc.core.options import METRES_PER_UNIT, ScanOptions, Unit, UpAxis
 from panoloc.core.scan.point_cloud import Diagnostic
 
 CHUNK_ROWS = 1 << 20
@@ -33,7 +33,8 @@ class ReadingContext:
     """One file being read: where it is, what is allowed, and what was noticed.
 
     folder: below which the files lie that it may refer to, such as textures; None for a file that came alone.
-    coordinate_system: of its coordinates, as "EPSG:25832" or WKT, where the file says so.
+    coordinate_system: of its coordinates, as "EPSG:25832" or WKT, where the file says so. unit, height_unit, up_axis: likewise.
+    turned_from: the up axis of every file of this format, where the reader turns it to z. is_part: of a whole that is judged together.
     """
 
     path: Path
@@ -42,10 +43,24 @@ class ReadingContext:
     diagnostics: list[Diagnostic] = field(default_factory=list)
     folder: Path | None = None
     coordinate_system: str | None = None
+    unit: Unit | None = None
+    height_unit: Unit | None = None
+    up_axis: UpAxis | None = None
+    turned_from: UpAxis | None = None
+    is_part: bool = False
+
+    @property
+    def sampled_metres(self) -> float:
+        """Return the length of a unit, metres, as far as it is known before the scan is read: for choosing how many points a mesh gets."""
+        return 1.0 if self.options.unit == "auto" else METRES_PER_UNIT[self.options.unit]
 
     def note(self, code: str, message: str, severity: str = "info") -> None:
         """Record something that the operator should know."""
         self.diagnostics.append(Diagnostic(code, severity, message))
+
+    def ask(self, code: str, message: str, text: str, choices: list[dict[str, Any]]) -> None:
+        """Record a doubt with a question that ends it; see `Diagnostic`."""
+        self.diagnostics.append(Diagnostic(code, "warning", message, {"text": text, "choices": choices}))
 
     def check_point_count(self, num_points: int) -> None:
         """Refuse a count that no file may announce, before anything is allocated for it."""
@@ -95,6 +110,9 @@ class ReadingContext:
             found = same[0]
         return found
 
+
+SAID = ("coordinate_system", "unit", "height_unit", "up_axis", "turned_from")
+"""Fields of a context that readers set where the file says so."""
 
 ScanReader = Callable[[ReadingContext], Iterator[RawChunk]]
 """Yields the points of a file of one format."""

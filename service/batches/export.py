@@ -18,6 +18,7 @@ from panoloc.service.batches.tour import Photo, maps_of, overview_document, tour
 from panoloc.service.errors import ExportFailedError, StoredFileMissingError
 from panoloc.service.host.child_processes import run_module
 from panoloc.service.jobs import Result, new_id
+from panoloc.service.maps.reading import is_in_map_frame
 from panoloc.service.maps.record import MapRecord, key_of, map_document
 from panoloc.service.storage import Storage
 
@@ -108,7 +109,7 @@ def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
 def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
     """Return the scan itself where it is an E57 in the frame of the map, whatever its name says."""
     serving = None if place is None else place.serving
-    if serving is None or serving.options.scan.unit != "m" or serving.options.scan.up_axis != "z":
+    if serving is None or not is_in_map_frame(serving):
         return None
     scan = _copy(storage, serving.scan_key, stack, checked=False)
     return scan if scan is not None and detect_format(scan, None)[0] == "e57" else None

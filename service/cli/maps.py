@@ -1,4 +1,4 @@
-"""`panoloc maps`: list, check, share and delete maps."""
+"""`panoloc maps`: list, change, check, share and delete maps."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 import typer
 from rich.text import Text
 
+from panoloc.core.options import UnitChoice, UpAxisChoice
 from panoloc.service.cli.control_table import control_table
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
@@ -16,9 +17,20 @@ from panoloc.service.cli.tables import map_table, older_revision
 from panoloc.service.client import ClientError, JsonClient, JsonObject, UnreachableError
 from panoloc.service.host_names import is_loopback
 
-app = typer.Typer(help="List, check, share or delete maps.")
+app = typer.Typer(help="List, change, check, share or delete maps.")
 
 MapIds = Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the maps.")]
+
+
+UnitOption = Annotated[
+    UnitChoice | None,
+    typer.Option(help="Unit of the scan's coordinates; auto: as the file says, else by the heights of its rooms."),
+]
+HeightUnitOption = Annotated[UnitChoice | None, typer.Option(help="Unit of the heights, where it is another one.")]
+UpAxisOption = Annotated[
+    UpAxisChoice | None,
+    typer.Option(help="Axis of the scan that points up; auto: as the file says, else by floors and walls."),
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -28,7 +40,7 @@ def list_maps(
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> None:
-    """List, check, share or delete maps."""
+    """List, change, check, share or delete maps."""
     if ctx.invoked_subcommand is not None:
         return
     session = Session.of(ctx, json)
@@ -53,6 +65,62 @@ def _failure(place: JsonObject) -> str:
     if older is None:
         return f"{place['id']} failed: {reason}"
     return f"{place['id']}: revision {older} still answers, revision {place['revision']} failed: {reason}"
+
+
+def question_words(place: JsonObject) -> list[str]:
+    """Return what a map asks, with the command for every answer."""
+    lines = []
+    for found in (each for each in place["diagnostics"] if each.get("question")):
+        lines.append(f"{found['message']} {found['question']['text']}")
+        for choice in found["question"]["choices"]:
+            height = choice["storey_height_m"]
+            said = "" if height is None else f", storey of {height:.2f} m"
+            options = " ".join(f"--{name.replace('_', '-')}={value}" for name, value in choice["patch"].items())
+            lines.append(f"  {choice['label']}{said}: panoloc maps set {place['id']} {options}")
+    return lines
+
+
+@app.command(name="set")
+def set_(
+    ctx: typer.Context,
+    map_ids: MapIds,
+    name: Annotated[str | None, typer.Option(help="Display name.")] = None,
+    unit: UnitOption = None,
+    height_unit: HeightUnitOption = None,
+    up_axis: UpAxisOption = None,
+    coordinate_system: Annotated[
+        str | None, typer.Option(help="Projected coordinate system, such as EPSG:25832; '' for that of the file.")
+    ] = None,
+    geoid_undulation: Annotated[
+        float | None, typer.Option(metavar="METRES", help="Height of the geoid above the ellipsoid.")
+    ] = None,
+    wait: Annotated[bool, typer.Option(help="Wait until a scan that is read otherwise is a map again.")] = True,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> int:
+    """Change maps without another upload. A scan that is read otherwise becomes a new revision; the old one answers until then."""
+    session = Session.of(ctx, json)
+    given = {
+        "name": name,
+        "unit": unit,
+        "height_unit": height_unit,
+        "up_axis": up_axis,
+        "coordinate_system": coordinate_system,
+        "geoid_undulation_m": geoid_undulation,
+    }
+    changes = {
+        key: value or None if key == "coordinate_system" else value for key, value in given.items() if value is not None
+    }
+
+    def set_one(client: JsonClient, map_id: str) -> None:
+        changed = client.change_map(map_id, changes)
+        if wait and changed["status"] not in ("ready", "failed"):
+            changed = client.wait_for_map(map_id)
+        session.show(changed, f"{map_id} is changed")
+        for words in question_words(changed):
+            session.messages.print(words, markup=False, soft_wrap=True)
+
+    return _for_each(session, url, map_ids, set_one)
 
 
 @app.command()

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from panoloc.core.options import ColorKind, ScanOptions, Unit, UpAxis
+from panoloc.core.options import ColorKind, ScanOptions
+from panoloc.service.cli.maps import HeightUnitOption, UnitOption, UpAxisOption, question_words
 from panoloc.service.cli.progress import show_registration, show_upload
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.cli.tables import map_summary
@@ -23,8 +24,9 @@ def register(
     ],
     name: Annotated[str | None, typer.Option(help="Display name; default: the file name.")] = None,
     tag: Annotated[list[str] | None, typer.Option(help="Tag for finding the map; repeatable.")] = None,
-    unit: Annotated[Unit, typer.Option(help="Unit of the scan's coordinates.")] = ScanOptions.unit,
-    up_axis: Annotated[UpAxis, typer.Option(help="Axis of the scan that points up.")] = ScanOptions.up_axis,
+    unit: UnitOption = None,
+    height_unit: HeightUnitOption = None,
+    up_axis: UpAxisOption = None,
     color_kind: Annotated[
         ColorKind, typer.Option(help="Photographic colours, or colours that encode semantic labels.")
     ] = ScanOptions.color_kind,
@@ -53,6 +55,7 @@ def register(
         "name": name or scan.stem[:LONGEST_NAME],
         "tags": tag or [],
         "unit": unit,
+        "height_unit": height_unit,
         "up_axis": up_axis,
         "color_kind": color_kind,
         "coordinate_system": coordinate_system,
@@ -62,6 +65,8 @@ def register(
     with session.client(url) as client:
         place = upload_and_wait(session, client, scan, options, wait=wait)
     session.show(place, map_summary(place))
+    for words in question_words(place):
+        session.messages.print(words, markup=False, soft_wrap=True)
 
 
 def upload_and_wait(session: Session, client: JsonClient, scan: Path, options: JsonObject, *, wait: bool) -> JsonObject:

@@ -200,6 +200,7 @@ def _stats(cloud: PointCloud, index: MapIndex, index_bytes: int, seconds: dict[s
         "index_bytes": index_bytes,
         "seconds": seconds,
         "coordinate_system": cloud.coordinate_system,
+        "read_as": None if cloud.read_as is None else dataclasses.asdict(cloud.read_as),
         "floors": _floors(cloud),
     }
 

@@ -23,6 +23,7 @@ def main(arguments: list[str]) -> int:
         help="scans, images, requests; kills of: worker, redis, replica (of the API, behind a proxy), service; soak;\n"
         "node: of a Ray cluster, killed during 200 queries; campus: one of three, during 50 queries over 300 maps;\n"
         "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers;\n"
+        "intake: reads 40 scans with mixed-up units, axes, coordinate systems and heights;\n"
         "robot: drives through a flat with odometry that errs (docs/ros2.md);\n"
         "phones: 20 that look for their place, in a browser; walks: a minute each with the npm package's tracker; all",
     )
@@ -33,6 +34,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--overload-s", type=float, default=300.0, help="seconds of overload, and of crowd (300)")
     parser.add_argument("--soak-s", type=float, default=3600.0, help="seconds of soak (3600)")
     parser.add_argument("--phones", type=int, default=20, help="phones that look for their place (20)")
+    parser.add_argument("--intake-scans", type=int, default=40, help="of intake (40)")
     parser.add_argument("--seed", type=int, default=1, help="the same seed damages in the same way (1)")
     given = parser.parse_args(arguments)
     parts = _parts(given)
@@ -52,6 +54,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
     # Torch takes seconds to import, for which `--help` need not wait.
     from tests.campaign.hostile_files import hostile_images, hostile_scans
     from tests.campaign.hostile_requests import hostile_requests
+    from tests.campaign.intake import intake
     from tests.campaign.kills import node_killed, node_of_campus_killed, process_kills, replica_kills, service_kills
     from tests.campaign.overload import impatient, newcomers
     from tests.campaign.phones import phones
@@ -71,6 +74,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "campus": node_of_campus_killed,
         "overload": partial(impatient, given.overload_s),
         "crowd": partial(newcomers, given.overload_s),
+        "intake": partial(intake, given.intake_scans, given.seed),
         "robot": partial(robot, 0),
         "phones": partial(phones, given.phones, given.seed),
         "walks": partial(walks, given.seed),

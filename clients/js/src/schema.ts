@@ -400,6 +400,8 @@ export interface components {
             severity: "info" | "warning" | "error";
             /** Message */
             message: string;
+            /** @description How to end a doubt about unit, heights or up axis. Until then, answers of the map warn of it. */
+            question?: components["schemas"]["ReadingQuestion"] | null;
         };
         /**
          * EarthPosition
@@ -834,6 +836,8 @@ export interface components {
              * @description Of the scan's coordinates, if its file names one.
              */
             coordinate_system?: string | null;
+            /** @description Unit and axes of the scan; null for maps of earlier versions. */
+            read_as?: components["schemas"]["ReadAs"] | null;
             /**
              * Floors
              * @description Floors that were found in the scan, bottom up.
@@ -1043,6 +1047,39 @@ export interface components {
             w: number;
         };
         /**
+         * ReadAs
+         * @description How the coordinates of a scan were read, and who says so: the caller, the file, or what was scanned.
+         */
+        ReadAs: {
+            /**
+             * Unit
+             * @description Null: a unit that has no name here.
+             */
+            unit: ("m" | "cm" | "mm" | "ft" | "us-ft") | null;
+            /** Height Unit */
+            height_unit: ("m" | "cm" | "mm" | "ft" | "us-ft") | null;
+            /**
+             * Up Axis
+             * @enum {string}
+             */
+            up_axis: "z" | "y" | "x" | "-z" | "-y" | "-x";
+            /**
+             * Unit From
+             * @enum {string}
+             */
+            unit_from: "given" | "file" | "judged" | "assumed";
+            /**
+             * Height Unit From
+             * @enum {string}
+             */
+            height_unit_from: "given" | "file" | "judged" | "assumed";
+            /**
+             * Up Axis From
+             * @enum {string}
+             */
+            up_axis_from: "given" | "file" | "judged" | "assumed";
+        };
+        /**
          * Readiness
          * @description Readiness, for probes without a key.
          */
@@ -1052,6 +1089,41 @@ export interface components {
              * @enum {string}
              */
             status: "ready" | "not_ready";
+        };
+        /**
+         * ReadingChoice
+         * @description An answer to a question about a scan.
+         */
+        ReadingChoice: {
+            /** Label */
+            label: string;
+            /**
+             * Patch
+             * @description The body for `PATCH /maps/{id}` that gives this answer.
+             */
+            patch: {
+                [key: string]: string;
+            };
+            /**
+             * Storey Height M
+             * @description Between floor and ceiling, read in this way.
+             */
+            storey_height_m: number | null;
+            /**
+             * Extent M
+             * @description Of the scan along x, y and z, read in this way.
+             */
+            extent_m: number[];
+        };
+        /**
+         * ReadingQuestion
+         * @description What the file and the scanned building leave open.
+         */
+        ReadingQuestion: {
+            /** Text */
+            text: string;
+            /** Choices */
+            choices: components["schemas"]["ReadingChoice"][];
         };
         /**
          * RecentError
@@ -1650,16 +1722,22 @@ export interface components {
             geoid_undulation_m?: number | null;
             /**
              * Unit
-             * @description Unit of the scan's coordinates. Default: "m".
+             * @description Unit of the scan's coordinates. Default: "auto".
              * @enum {string}
              */
-            unit?: "m" | "cm" | "mm" | "ft";
+            unit?: "m" | "cm" | "mm" | "ft" | "us-ft" | "auto";
+            /**
+             * Height Unit
+             * @description Unit of the heights, where it is another one. Default: "auto".
+             * @enum {string}
+             */
+            height_unit?: "m" | "cm" | "mm" | "ft" | "us-ft" | "auto";
             /**
              * Up Axis
-             * @description Axis of the scan that points up. Default: "z".
+             * @description Axis of the scan that points up. Default: "auto".
              * @enum {string}
              */
-            up_axis?: "z" | "y";
+            up_axis?: "z" | "y" | "x" | "-z" | "-y" | "-x" | "auto";
             /**
              * Color Kind
              * @description `labels`: colours encode semantic classes. Default: "rgb".
@@ -1681,6 +1759,8 @@ export interface components {
         /**
          * MapPatch
          * @description The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth.
+         *
+         *     With another unit or up axis the stored scan is registered again.
          */
         MapPatch: {
             georeference?: components["schemas"]["Georeference"] | null;
@@ -1694,6 +1774,24 @@ export interface components {
              * @description Height of the geoid above the ellipsoid at the map, metres. Needed for a GeoPose if the heights of the `coordinate_system` are above the geoid, or if their reference is unknown.
              */
             geoid_undulation_m?: number | null;
+            /**
+             * Unit
+             * @description Unit of the scan's coordinates. Default: "auto".
+             * @enum {string}
+             */
+            unit?: "m" | "cm" | "mm" | "ft" | "us-ft" | "auto";
+            /**
+             * Height Unit
+             * @description Unit of the heights, where it is another one. Default: "auto".
+             * @enum {string}
+             */
+            height_unit?: "m" | "cm" | "mm" | "ft" | "us-ft" | "auto";
+            /**
+             * Up Axis
+             * @description Axis of the scan that points up. Default: "auto".
+             * @enum {string}
+             */
+            up_axis?: "z" | "y" | "x" | "-z" | "-y" | "-x" | "auto";
             /** Name */
             name?: string;
             /** Tags */
@@ -1741,16 +1839,22 @@ export interface components {
         ScanOptions: {
             /**
              * Unit
-             * @description Unit of the scan's coordinates. Default: "m".
+             * @description Unit of the scan's coordinates. Default: "auto".
              * @enum {string}
              */
-            unit?: "m" | "cm" | "mm" | "ft";
+            unit?: "m" | "cm" | "mm" | "ft" | "us-ft" | "auto";
+            /**
+             * Height Unit
+             * @description Unit of the heights, where it is another one. Default: "auto".
+             * @enum {string}
+             */
+            height_unit?: "m" | "cm" | "mm" | "ft" | "us-ft" | "auto";
             /**
              * Up Axis
-             * @description Axis of the scan that points up. Default: "z".
+             * @description Axis of the scan that points up. Default: "auto".
              * @enum {string}
              */
-            up_axis?: "z" | "y";
+            up_axis?: "z" | "y" | "x" | "-z" | "-y" | "-x" | "auto";
             /**
              * Color Kind
              * @description `labels`: colours encode semantic classes. Default: "rgb".
@@ -1952,7 +2056,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_doubtful" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.
@@ -2023,7 +2127,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_doubtful" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.
@@ -2095,7 +2199,7 @@ export interface components {
              * Reasons
              * @description For programs: what each of `warnings` says, or what the caller can do.
              */
-            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
+            reasons?: ("accuracy_too_low" | "check_camera" | "check_image" | "hfov_contradicted" | "images_contradict" | "map_doubtful" | "map_left_out" | "map_not_ready" | "name_fewer_maps" | "not_kept" | "nothing_in_reach" | "placed_by_hand" | "places_look_alike" | "regions_ignored" | "turn_more" | "widen_hfov_range" | "widen_hints")[];
             /**
              * Artifacts
              * @description Paths of the requested pictures.

@@ -108,6 +108,7 @@ def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
 
     Raises ScanDamagedError for a short file or a wrong checksum, ScanContentError without scans, points or colour.
     """
+    context.unit = "m"  # ASTM E2807
     with opened(context) as image_file:
         root = image_file.root()
         if root.isDefined("coordinateMetadata"):

@@ -83,14 +83,12 @@ def read_gltf(context: ReadingContext) -> Iterator[RawChunk]:
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         reason = f"{type(error).__name__}: {str(error)[:80]}"
         raise ScanDamagedError(f"The glTF description contradicts itself ({reason}). Export the scan again.") from error
-    if context.options.up_axis == "z":
-        context.note(
-            "axes_converted", "The scan is y-up, as every glTF file; (x, y, z) became (x, −z, y), so that z is up."
-        )
+    context.unit, context.up_axis, context.turned_from = "m", "z", "y"
+    context.note(
+        "axes_converted", "The scan is y-up, as every glTF file; (x, y, z) became (x, −z, y), so that z is up."
+    )
     for chunk in iter_surface_samples(parts, context):
-        # With `up_axis` y the collector turns every format.
-        turned = chunk.positions[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
-        yield chunk if context.options.up_axis == "y" else replace(chunk, positions=turned)
+        yield replace(chunk, positions=chunk.positions[:, [0, 2, 1]] * [1.0, -1.0, 1.0])
 
 
 def _parts(file: GltfFile) -> list[SurfacePart]:

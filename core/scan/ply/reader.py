@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.options import METRES_PER_UNIT
 from panoloc.core.scan.collecting import ColorRange
 from panoloc.core.scan.mesh import (
     Paint,
@@ -180,7 +179,7 @@ def _iter_mesh(
         return
     names = mesh.vertices.color_names
     areas = triangle_areas(positions, faces.triangles)
-    spacing_m = float(np.sqrt(areas.sum() / len(positions))) * METRES_PER_UNIT[context.options.unit]
+    spacing_m = float(np.sqrt(areas.sum() / len(positions))) * context.sampled_metres
     if names and (spacing_m <= SPARSE_SPACING_M or not areas.any()):
         colors = convert_colors(rows, mesh.vertices, names)
         context.note("mesh_vertices_used", f"A mesh: its {len(positions):,} vertices are dense enough as points.")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from panoloc.core.errors import ScanError
 from panoloc.core.options import ScanOptions
 from panoloc.core.sandbox import SandboxLimits, refuse_system_calls, take_limits
-from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
+from panoloc.core.scan.reading_context import CHUNK_ROWS, SAID, RawChunk, ReadingContext
 
 _LONGEST_MESSAGE = 2000
 
@@ -59,7 +59,8 @@ def _read(job: dict[str, Any], stream: BinaryIO) -> None:
         _send_chunk(stream, chunk)
     for found in context.diagnostics:
         _send(stream, "note", **dataclasses.asdict(found))
-    _send(stream, "end", coordinate_system=context.coordinate_system)
+    said = {name: getattr(context, name) for name in SAID}
+    _send(stream, "end", **said)
 
 
 def _send(stream: BinaryIO, kind: str, *arrays: NDArray[Any], **fields: Any) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import panoloc.core.errors
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
 from panoloc.core.sandbox import SandboxLimits, sandbox_environment
-from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
+from panoloc.core.scan.reading_context import CHUNK_ROWS, SAID, RawChunk, ReadingContext
 
 _READ_BYTES = 1 << 20
 _MAX_LINE_BYTES = 1 << 16
@@ -26,7 +26,7 @@ _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 
 
 def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits | None = None) -> Iterator[RawChunk]:
-    """Yield the chunks of a reader; its notes and its coordinate system reach `context` at the end.
+    """Yield the chunks of a reader; its notes and what the file says reach `context` at the end.
 
     reader: a format of `panoloc.core.scan.reading.READERS`, or "module:function".
 
@@ -41,7 +41,8 @@ def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits 
                 context.note(str(message["code"]), str(message["message"]), str(message["severity"]))
             else:
                 sandbox.fail(str(message.get("error")), str(message.get("message")))
-        context.coordinate_system = message.get("coordinate_system")
+        for name in SAID:
+            setattr(context, name, message.get(name))
     finally:
         sandbox.close()
 

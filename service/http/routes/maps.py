@@ -13,11 +13,13 @@ from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageA
 from panoloc.service.http.access import caller_of, maps_seen, note_change, own_map, require
 from panoloc.service.http.openapi import json_body, json_response, nothing_left
 from panoloc.service.http.routes.map_links import end_links
+from panoloc.service.http.routes.new_scans import read_again
 from panoloc.service.http.schemas.examples import MAP_EXAMPLE
 from panoloc.service.http.schemas.maps import Map, MapPage, MapPatch
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import LONGEST_TAG
+from panoloc.service.maps.reading import is_read_otherwise
 from panoloc.service.maps.record import MapRecord, map_document
 from panoloc.service.services import Services, services_of
 
@@ -64,7 +66,7 @@ async def get_map(request: Request, map_id: str) -> Response:
 
 @router.patch(
     "/maps/{map_id}",
-    summary="Change name, tags or place on Earth",
+    summary="Change name, tags, place on Earth, or how the scan is read",
     dependencies=[Depends(require("write"))],
     responses=json_response(Map, MAP_EXAMPLE, 400, 401, 403, 404, 408, 412, 413, 422, 503),
     openapi_extra=json_body(MapPatch, {"name": "4th floor", "tags": ["building 7"]}),
@@ -78,13 +80,19 @@ async def patch_map(
 ) -> Response:
     """Change the given fields; the others stay unchanged.
 
+    If another unit or up axis changes the map, the stored scan is registered again as a new revision. The old one answers
+    queries until that is ready.
+
     With `If-Match` the map changes only if it still has that version; otherwise the answer is 412.
     """
     services = services_of(request)
     own_map(request, map_id)
-    changes = parse_json(MapPatch, await read_body(request.stream()), "body").changes()
-    version = _wanted_version(if_match)
+    patch = parse_json(MapPatch, await read_body(request.stream()), "body")
+    changes, version = patch.changes(), _wanted_version(if_match)
     record = await services.registry.change(map_id, lambda record: replace(record, **changes), version)
+    reading = replace(record.newest.options.scan, **patch.reading(), coordinate_system=record.coordinate_system)
+    if is_read_otherwise(record.newest, reading):
+        record = await read_again(request, map_id, reading)
     note_change(request, "map changed", map_id)
     return JSONResponse((await documents(services, [record]))[0], headers=_tag(record))
 

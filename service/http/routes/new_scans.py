@@ -1,9 +1,11 @@
 """Upload a scan: as a new map, or as a new revision of one."""
 
 import asyncio
-from collections.abc import AsyncIterator
+import shutil
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from pathlib import Path, PurePosixPath
 
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
@@ -23,6 +25,8 @@ from panoloc.service.jobs import MapRef, RegisterOptions, new_id, now
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
 from panoloc.service.maps.record import MapRecord, Revision, map_document
 from panoloc.service.services import Services, services_of
+from panoloc.service.storage import Storage
+from panoloc.service.storage.disk import disk_errors
 
 router = APIRouter(tags=["maps"])
 
@@ -70,7 +74,7 @@ async def post_map(request: Request) -> Response:
             await services.registry.remove_revision(ref)
             raise
     note_change(request, "map registered", record.id)
-    return _accepted(request, record)
+    return _accepted(_begun(request, record))
 
 
 @router.put(
@@ -91,21 +95,59 @@ async def put_scan(request: Request, map_id: str) -> Response:
     async with _form(request, services) as form:
         given = parse_json(ScanOptions, form.options(), "options")
         scan = await _checked_scan(form, services)
-        async with services.registry.new_revision(map_id) as ref:
-            options = given.over(services.registry.get(map_id).newest.options)
-            try:
-                revision = await _store(services, ref, scan, options)
-                services.registry.check_new_revision(ref)
-                replaced, record = await _replace(services, map_id, revision)
-            except BaseException:
-                await services.registry.remove_revision(ref)
-                raise
+
+        async def store(ref: MapRef, former: Revision) -> Revision:
+            return await _store(services, ref, scan, given.over(former.options))
+
+        return _accepted(await _replaced(request, map_id, store))
+
+
+async def read_again(request: Request, map_id: str, reading: options.ScanOptions) -> MapRecord:
+    """Register the stored scan of a map again, read in another way, as a new revision; return the map."""
+    services = services_of(request)
+
+    async def store(ref: MapRef, former: Revision) -> Revision:
+        copy = await asyncio.to_thread(_copied, services.storage, former.scan_key)
+        try:
+            name = PurePosixPath(former.scan_key).name
+            key = await services.registry.adopt_scan(ref, name, copy, former.scan_sha256)
+        finally:
+            copy.unlink(missing_ok=True)
+        changed = replace(former.options, scan=reading)
+        return Revision(
+            ref.revision, key, former.scan_name, former.scan_bytes, former.scan_sha256, changed, former.unpacked_bytes
+        )
+
+    return await _replaced(request, map_id, store)
+
+
+def _copied(storage: Storage, key: str) -> Path:
+    """Return a copy of a stored file in the folder for uploads."""
+    copy = storage.spool_folder() / new_id("copy")
+    with storage.local_copy(key, checked=False) as path, disk_errors():
+        shutil.copyfile(path, copy)
+    return copy
+
+
+async def _replaced(
+    request: Request, map_id: str, store: Callable[[MapRef, Revision], Awaitable[Revision]]
+) -> MapRecord:
+    """Store a new revision of a map and begin its registration; return the map. store: makes it from the newest one."""
+    services = services_of(request)
+    async with services.registry.new_revision(map_id) as ref:
+        try:
+            revision = await store(ref, services.registry.get(map_id).newest)
+            services.registry.check_new_revision(ref)
+            replaced, record = await _replace(services, map_id, revision)
+        except BaseException:
+            await services.registry.remove_revision(ref)
+            raise
     note_change(request, "scan replaced", map_id)
     await services.registrations.cancel(map_id, keep=record.newest_ref)
-    reply = _accepted(request, services.registry.get(map_id))
+    record = _begun(request, services.registry.get(map_id))
     for each in (replaced, ref):
         await services.registrations.forget(each)
-    return reply
+    return record
 
 
 async def _replace(services: Services, map_id: str, revision: Revision) -> tuple[MapRef, MapRecord]:
@@ -156,8 +198,12 @@ async def _store(services: Services, ref: MapRef, scan: SpooledFile, options: Re
     return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options, unpacked)
 
 
-def _accepted(request: Request, record: MapRecord) -> Response:
+def _begun(request: Request, record: MapRecord) -> MapRecord:
     if record.newest.status == "queued":
         services_of(request).registrations.begin(record.newest_ref, request.state.request_id)
+    return record
+
+
+def _accepted(record: MapRecord) -> Response:
     headers = {"Location": f"/maps/{record.id}", "Retry-After": str(_RETRY_AFTER_S)}
     return JSONResponse(map_document(record, None), 202, headers)

@@ -10,7 +10,17 @@ from pydantic import AfterValidator, Field, HttpUrl, StringConstraints, field_va
 from panoloc.core import options
 from panoloc.core.earth.georeference import LONGEST_DEFINITION, coordinate_system
 from panoloc.core.errors import OptionsError
-from panoloc.core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
+from panoloc.core.options import (
+    MAX_SPACING_M,
+    MIN_SPACING_M,
+    ColorKind,
+    IndexOptions,
+    StartsMethod,
+    Unit,
+    UnitChoice,
+    UpAxis,
+    UpAxisChoice,
+)
 from panoloc.service.answer import ResponseModel
 from panoloc.service.http.schemas.operations import ProblemDocument
 from panoloc.service.http.schemas.queries import Box, RequestModel, Vector
@@ -43,11 +53,19 @@ class StartsOptions(RequestModel):
     region: Box | None = Field(None, description="Possible camera positions; null: the whole scanned space.")
 
 
-class ScanOptions(RequestModel):
+class ReadingOptions(RequestModel):
+    """How to read the coordinates of a scan; `auto`: as the file says, else by what a building looks like."""
+
+    unit: UnitChoice = Field(options.ScanOptions.unit, description="Unit of the scan's coordinates.")
+    height_unit: UnitChoice = Field(
+        options.ScanOptions.height_unit, description="Unit of the heights, where it is another one."
+    )
+    up_axis: UpAxisChoice = Field(options.ScanOptions.up_axis, description="Axis of the scan that points up.")
+
+
+class ScanOptions(ReadingOptions):
     """How to read a scan and what to build from it."""
 
-    unit: Unit = Field(options.ScanOptions.unit, description="Unit of the scan's coordinates.")
-    up_axis: UpAxis = Field(options.ScanOptions.up_axis, description="Axis of the scan that points up.")
     color_kind: ColorKind = Field(
         options.ScanOptions.color_kind, description="`labels`: colours encode semantic classes."
     )
@@ -57,7 +75,7 @@ class ScanOptions(RequestModel):
         """Return the options for the worker."""
         region = None if self.starts.region is None else self.starts.region.to_options()
         return RegisterOptions(
-            options.ScanOptions(self.unit, self.up_axis, self.color_kind),
+            options.ScanOptions(self.unit, self.up_axis, self.height_unit, color_kind=self.color_kind),
             IndexOptions(self.starts.method, self.starts.spacing_m, region, self.color_kind),
         )
 
@@ -112,12 +130,23 @@ class PlaceOnEarth(RequestModel):
 class MapOptions(ScanOptions, PlaceOnEarth):
     """The part `options` of `POST /maps`."""
 
+    def to_options(self) -> RegisterOptions:
+        """Return the options for the worker: the units of a coordinate system are those of the scan."""
+        found = super().to_options()
+        return replace(found, scan=replace(found.scan, coordinate_system=self.coordinate_system))
+
     name: Name | None = Field(None, description="Display name; default: the file's name.")
     tags: Tags = Field(default_factory=list, description="A query can name a tag instead of maps.")
 
 
-class MapPatch(PlaceOnEarth):
-    """The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth."""
+_READING = frozenset(ReadingOptions.model_fields)
+
+
+class MapPatch(ReadingOptions, PlaceOnEarth):
+    """The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth.
+
+    With another unit or up axis the stored scan is registered again.
+    """
 
     # Not sent unless given, so what is default here means nothing.
     name: Name = Field(default_factory=str)
@@ -127,8 +156,12 @@ class MapPatch(PlaceOnEarth):
     )
 
     def changes(self) -> dict[str, Any]:
-        """Return the given fields as JSON."""
-        return self.model_dump(mode="json", include=self.model_fields_set)
+        """Return the given fields of the map itself as JSON."""
+        return self.model_dump(mode="json", include=set(self.model_fields_set - _READING))
+
+    def reading(self) -> dict[str, Any]:
+        """Return the given fields about how the scan is read."""
+        return self.model_dump(include=set(self.model_fields_set & _READING))
 
 
 class LinkRequest(RequestModel):
@@ -168,6 +201,20 @@ class Floor(ResponseModel):
     height_m: float | None = Field(description="Clear height up to the ceiling, metres; null where none was scanned.")
 
 
+Source = Literal["given", "file", "judged", "assumed"]
+
+
+class ReadAs(ResponseModel):
+    """How the coordinates of a scan were read, and who says so: the caller, the file, or what was scanned."""
+
+    unit: Unit | None = Field(description="Null: a unit that has no name here.")
+    height_unit: Unit | None
+    up_axis: UpAxis
+    unit_from: Source
+    height_unit_from: Source
+    up_axis_from: Source
+
+
 class MapStats(ResponseModel):
     """Figures of a finished registration."""
 
@@ -179,7 +226,24 @@ class MapStats(ResponseModel):
     index_bytes: int
     seconds: dict[str, float] = Field(description="Duration of each stage.")
     coordinate_system: str | None = Field(None, description="Of the scan's coordinates, if its file names one.")
+    read_as: ReadAs | None = Field(None, description="Unit and axes of the scan; null for maps of earlier versions.")
     floors: list[Floor] = Field(default_factory=list, description="Floors that were found in the scan, bottom up.")
+
+
+class ReadingChoice(ResponseModel):
+    """An answer to a question about a scan."""
+
+    label: str
+    patch: dict[str, str] = Field(description="The body for `PATCH /maps/{id}` that gives this answer.")
+    storey_height_m: float | None = Field(description="Between floor and ceiling, read in this way.")
+    extent_m: list[float] = Field(description="Of the scan along x, y and z, read in this way.")
+
+
+class ReadingQuestion(ResponseModel):
+    """What the file and the scanned building leave open."""
+
+    text: str
+    choices: list[ReadingChoice]
 
 
 class Diagnostic(ResponseModel):
@@ -188,6 +252,10 @@ class Diagnostic(ResponseModel):
     code: str
     severity: Literal["info", "warning", "error"]
     message: str
+    question: ReadingQuestion | None = Field(
+        None,
+        description="How to end a doubt about unit, heights or up axis. Until then, answers of the map warn of it.",
+    )
 
 
 class Map(ResponseModel):

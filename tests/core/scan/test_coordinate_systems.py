@@ -11,7 +11,7 @@ from pye57 import E57, libe57
 from pyproj import CRS
 
 from panoloc.core.errors import ScanContentError
-from panoloc.core.options import Unit, UpAxis
+from panoloc.core.options import Unit, UnitChoice, UpAxis
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
@@ -55,6 +55,40 @@ def test_a_las_file_names_it_by_wkt_or_by_keys(named: dict[str, Any], expected: 
     np.testing.assert_allclose(found.positions + found.origin_offset, CLOUD.positions + PLACE, atol=1e-3)
     message = notes_of(found).get("coordinate_system", "")
     assert ("+1.396 degrees clockwise from true north" in message) == (expected is not None)
+
+
+SURVEY_FOOT = 1200 / 3937
+
+
+@pytest.mark.parametrize("unit", ["auto", "ft", "us-ft"])
+@pytest.mark.parametrize(
+    ("system", "height_foot"), [("EPSG:2230", SURVEY_FOOT), ("EPSG:2230+6360", SURVEY_FOOT), ("EPSG:2230+5703", 1.0)]
+)
+def test_a_grid_in_survey_feet_is_read_in_survey_feet_and_its_heights_in_their_own_unit(
+    unit: UnitChoice, system: str, height_foot: float
+) -> None:
+    place = np.array([6_280_000.0, 1_840_000.0, 400.0])  # feet in San Diego, where international ones are 4 m away
+    scan = las_of(replace(CLOUD, origin_offset=place), 7, vlrs=(WktCoordinateSystemVlr(CRS(system).to_wkt()),), minor=4)
+    found = read("scan.laz", scan, unit=unit)
+    expected = (CLOUD.positions + place) * [SURVEY_FOOT, SURVEY_FOOT, height_foot]
+    np.testing.assert_allclose(found.positions + found.origin_offset, expected, atol=1e-3)
+    assert found.coordinate_system is not None
+    assert "32.71180, -117.16569" in notes_of(found)["coordinate_system"]
+    assert found.read_as is not None
+    assert found.read_as.unit == "us-ft"
+
+
+def test_a_system_that_is_given_says_which_feet_a_scan_is_in() -> None:
+    found = read("scan.ply", encode_ply(CLOUD), unit="ft", coordinate_system="EPSG:2230")
+    np.testing.assert_allclose(found.positions, CLOUD.positions * SURVEY_FOOT, rtol=3e-7)
+
+
+@pytest.mark.parametrize("key", [9001, 9002, 9003])
+def test_a_las_file_without_a_system_may_name_its_units_by_keys(key: int) -> None:
+    found = read("scan.laz", las_at(CLOUD, keys=[3076, 0, 1, key, 4099, 0, 1, 9001], minor=2))
+    foot = {9001: 1.0, 9002: 0.3048, 9003: SURVEY_FOOT}[key]
+    expected = (CLOUD.positions + PLACE) * [foot, foot, 1.0]
+    np.testing.assert_allclose(found.positions + found.origin_offset, expected, atol=2e-3)
 
 
 @pytest.mark.parametrize("text", [CRS(UTM_32).to_wkt(), UTM_32, ""])

@@ -129,7 +129,7 @@ def test_what_the_progress_callback_raises_passes_through(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"unit": "inch"}, {"up_axis": "x"}, {"color_kind": "gray"}, {"max_points_used": 0}, {"max_points": -1}]
+    "wrong", [{"unit": "inch"}, {"up_axis": "w"}, {"color_kind": "gray"}, {"max_points_used": 0}, {"max_points": -1}]
 )
 def test_options_out_of_their_range_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(OptionsError, match=next(iter(wrong))):

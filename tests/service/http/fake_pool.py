@@ -59,12 +59,13 @@ def outcome_of(job: LocalizeJob, pose: Pose = POSE, status: Status = "localized"
 @dataclass
 class FakePool:
     """`fail_localize` and `fail_register` are raised, in turn, `full` as long as it is set; closed gates hold work, or its end,
-    back. asked: set once a query came."""
+    back. asked: set once a query came. doubts: diagnostics of every map."""
 
     worker_cache: WorkerCache
     is_ready: bool = True
     fail_localize: list[Exception] = field(default_factory=list)
     fail_register: list[Exception] = field(default_factory=list)
+    doubts: list[dict[str, Any]] = field(default_factory=list)
     register_gate: asyncio.Event = field(default_factory=asyncio.Event)
     localize_gate: asyncio.Event = field(default_factory=asyncio.Event)
     full: QueueFullError | None = None
@@ -111,7 +112,11 @@ class FakePool:
         starts = [{"position_m": [1.0, 2.0, 1.5], "leaf_size_m": 0.5}]
         example: dict[str, Any] = MAP_EXAMPLE
         points = ply_of([(float(number), 0.0, 1.0) for number in range(10)])
-        return RegisterOutcome(example["stats"], example["diagnostics"], PNG, points, starts)
+        unit = "m" if job.options.scan.unit == "auto" else job.options.scan.unit
+        read_as = {"unit": unit, "height_unit": unit, "up_axis": "z"}
+        read_as |= dict.fromkeys(("unit_from", "height_unit_from", "up_axis_from"), "assumed")
+        stats = {**example["stats"], "read_as": read_as}
+        return RegisterOutcome(stats, example["diagnostics"] + self.doubts, PNG, points, starts)
 
     def state(self) -> PoolState:
         state = PoolState(ready=True, waiting_for=None, num_workers=1, resident_bytes=17, index_loads={"redis": 2})

@@ -43,7 +43,7 @@ async def test_the_worker_gets_the_scan_as_it_came_and_every_option(running: Run
     job = running.pool.registrations[0]
     assert running.storage.read(job.scan_key) == SCAN
     assert job.scan_key.endswith("/1/scan.ply")
-    assert job.options.scan == ScanOptions(unit="ft", up_axis="z", color_kind="rgb")
+    assert job.options.scan == ScanOptions(unit="ft", up_axis="auto", color_kind="rgb")
     assert job.options.index == IndexOptions("octree", 0.5, None, "rgb")
 
 
@@ -142,6 +142,48 @@ async def test_a_new_scan_is_built_while_the_old_one_serves(running: RunningServ
     assert (body["revision"], body["serving_revision"]) == (2, 2)
     assert running.pool.registrations[1].options.scan.unit == "cm"
     assert running.pool.registrations[1].options.scan.up_axis == "y"
+
+
+async def test_patch_reads_the_stored_scan_again_while_the_old_map_serves(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.register_gate.clear()
+    change = {"unit": "ft", "height_unit": "m", "up_axis": "-y", "name": "mended"}
+    body = (await running.client.patch(f"/maps/{map_id}", json=change)).json()
+    assert (body["revision"], body["serving_revision"], body["status"], body["name"]) == (2, 1, "queued", "mended")
+    running.pool.register_gate.set()
+    body = await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
+    job = running.pool.registrations[-1]
+    assert running.storage.read(job.scan_key) == SCAN
+    assert (job.options.scan.unit, job.options.scan.height_unit, job.options.scan.up_axis) == ("ft", "m", "-y")
+    await running.eventually("/health", lambda body: running.storage.names(f"maps/{map_id}") == ["2", "map.json"])
+    # What is so already, and what moves nothing, needs no registration.
+    for same in ({"unit": "ft"}, {"geoid_undulation_m": 30.0}):
+        assert (await running.client.patch(f"/maps/{map_id}", json=same)).json()["revision"] == 2
+
+
+@pytest.mark.parametrize(("system", "revision"), [("EPSG:25832", 1), ("EPSG:2230", 2), ("EPSG:25832+6360", 2)])
+async def test_a_coordinate_system_with_other_units_reads_the_scan_again(
+    running: RunningService, system: str, revision: int
+) -> None:
+    map_id = await running.ready_map()
+    body = (await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": system})).json()
+    assert body["revision"] == revision
+    if revision == 2:
+        await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
+        assert running.pool.registrations[-1].options.scan.coordinate_system == body["coordinate_system"]
+
+
+async def test_every_answer_of_a_map_that_is_in_doubt_says_so(running: RunningService) -> None:
+    choice = {"label": "all in feet", "patch": {"unit": "ft"}, "storey_height_m": 2.7, "extent_m": [4.0, 3.0, 2.7]}
+    question = {"text": "Which unit?", "choices": [choice]}
+    doubt = {"code": "unit_doubtful", "severity": "warning", "message": "8.86 m high.", "question": question}
+    running.pool.doubts = [doubt]
+    map_id = await running.ready_map()
+    body = await running.json(f"/maps/{map_id}")
+    assert Map.model_validate(body).diagnostics[-1].model_dump() == doubt
+    answer = (await running.localize(map_id)).json()
+    assert answer["reasons"][-1] == "map_doubtful"
+    assert "8.86 m high." in answer["warnings"][-1]
 
 
 async def test_the_replaced_revision_leaves_storage_and_cache(

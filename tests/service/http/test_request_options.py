@@ -148,7 +148,7 @@ def test_an_option_out_of_range_is_named(options: str, field: str) -> None:
             "hints.position_m: expected 3 or more items, got [1, 2]. ",
         ),
         (MapOptions, '{"name": "a\\u0000b"}', "name: expected text without control characters"),
-        (MapOptions, '{"unit": "furlong"}', "unit: expected 'm', 'cm', 'mm' or 'ft', got 'furlong'. "),
+        (MapOptions, '{"unit": "furlong"}', "unit: expected 'm', 'cm', 'mm', 'ft', 'us-ft' or 'auto', got 'furlong'. "),
         (
             MapOptions,
             '{"unt": "m"}',

@@ -47,7 +47,7 @@ from tests.core.scan.mesh_files import zip_of
 
 MAP = MapRef("map_box", 1)
 GREY = encode_png(np.full((128, 256, 3), 128, np.uint8))
-OPTIONS = RegisterOptions(ScanOptions(), IndexOptions("grid", 2.0))
+OPTIONS = RegisterOptions(ScanOptions(unit="m", up_axis="z"), IndexOptions("grid", 2.0))
 
 
 class MadeUpLocalizer:
