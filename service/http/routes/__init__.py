@@ -7,6 +7,7 @@ from panoloc.service.http.routes import (
     batches,
     geopose,
     localize,
+    map_changes,
     map_files,
     map_links,
     maps,
@@ -16,7 +17,19 @@ from panoloc.service.http.routes import (
     pages,
 )
 
-_GROUPS = (maps, new_scans, map_files, map_links, localize, geopose, new_batches, batches, operations, pages)
+_GROUPS = (
+    maps,
+    new_scans,
+    map_files,
+    map_changes,
+    map_links,
+    localize,
+    geopose,
+    new_batches,
+    batches,
+    operations,
+    pages,
+)
 ROUTERS: tuple[APIRouter, ...] = tuple(module.router for module in _GROUPS)
 
 QUERY_ROUTES: tuple[APIRoute, ...] = tuple(
