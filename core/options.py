@@ -41,6 +41,9 @@ ExportFormat = Literal[
     "pannellum",
     "geojson",
 ]
+ReportFormat = Literal["html", "pdf", "csv", "geojson", "bcf"]
+"""Of what changed since a scan."""
+
 FORMATS_ON_EARTH: frozenset[ExportFormat] = frozenset({"arcgis", "stac", "gpano", "geojson"})
 """They have places on Earth, so that a map needs a georeference or a coordinate system."""
 

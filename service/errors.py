@@ -4,7 +4,7 @@
     ├── RequestError       the caller has to change the request
     ├── TryAgainError      nothing is wrong with the request; `retry_after_s` says when to come back
     ├── StorageError       what was stored cannot be read back
-    ├── ExportFailedError  the process that writes exports failed
+    ├── ExportFailedError  the process that writes exports, or looks for changes, failed
     └── WorkerError        a worker met a fault that nobody raises on purpose
 
 What is wrong with a scan, an image or the options of a search is an exception of `panoloc.core.errors`, in every
@@ -102,6 +102,12 @@ class NoPoseError(RequestError):
     problem = Problem(
         "no-pose", "The image has no pose on Earth", 404, "Send another image, or POST /localize for a pose in a map."
     )
+
+
+class ObjectNotFoundError(RequestError):
+    """No object that changed has this id, or it is found no longer."""
+
+    problem = Problem("object-not-found", "There is no such object", 404, "List the changes of the map again.")
 
 
 class BatchNotFoundError(RequestError):
@@ -303,7 +309,7 @@ class StoredFileChangedError(StorageError):
 
 
 class ExportFailedError(ServiceError):
-    """The process that writes exports failed."""
+    """The process that writes exports, or looks for changes, failed."""
 
     problem = INTERNAL
 

@@ -91,7 +91,7 @@ class LocalizeJob:
     images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
     for the answer after it. georeferences: by map id, of the maps that have one, as `panoloc.core.earth.geopose.geopose_of`
     takes it. share: the name of a part of the maps of a query, of which only the scores are asked for. num_maps: where the maps are the
-    likeliest of so many, best first.
+    likeliest of so many, best first. keep_photo: a small photo may be kept, in which objects that changed are found.
     """
 
     localization_id: str
@@ -101,6 +101,7 @@ class LocalizeJob:
     options: QueryOptions
     deadline_unix_s: float
     georeferences: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    keep_photo: bool = False
     share: str | None = None
     num_maps: int | None = None
 
@@ -112,16 +113,29 @@ class LocalizeJob:
 
 
 @dataclass(frozen=True)
+class ChangePhoto:
+    """A small photo that shows what changed: a panorama as WebP, transparent where nothing was photographed, and where it was taken.
+
+    position_m, quaternion_xyzw: map_from_camera in the map's own frame.
+    """
+
+    webp: bytes
+    position_m: tuple[float, float, float]
+    quaternion_xyzw: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
 class LocalizeOutcome:
     """The result of one query.
 
     pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by
-    `panoloc.service.worker.answers.change_cells`.
+    `panoloc.service.worker.answers.change_cells`. change_photo: by `panoloc.service.worker.answers.change_photo`.
     """
 
     answer: "Localization"
     pictures: dict[str, bytes] = field(default_factory=dict)
     change_cells: dict[str, Any] | None = None
+    change_photo: ChangePhoto | None = None
 
     def without_maps(self, left_out: Mapping[MapRef, Exception]) -> "LocalizeOutcome":
         """Return the outcome with a warning for each map that could not be searched, and why not."""

@@ -47,6 +47,7 @@ class LocalizeRequest:
     maps: MapChoice
     options: QueryOptions
     request_id: str
+    batch_id: str | None = None
 
 
 @dataclass
@@ -161,7 +162,7 @@ class Localizations:
                 raise
             _log.warning("an answer cannot be stored", error=str(error))
             answer = answer.without_copies()
-        await self._note_changes(document, outcome, query.images)
+        await self._note_changes(document, outcome, query)
         if self.settings.keep_images:
             await self._keep(localization_id, query.images)
         self.metrics.note_localization(query.options.method, answer.status, answer.timings_s)
@@ -190,6 +191,8 @@ class Localizations:
                 query.options,
                 deadline_unix_s,
                 self.registry.georeferences(chosen.refs),
+                # Images of batches are stored anyway, until the batch is deleted.
+                keep_photo=self.settings.keep_images or query.batch_id is not None,
             )
             try:
                 async with asyncio.timeout(max(0.0, deadline_unix_s - time.time()) + _OVERDUE_S):
@@ -204,10 +207,11 @@ class Localizations:
                 if chosen.refs == former.refs:
                     raise
 
-    async def _note_changes(self, answer: Document, outcome: LocalizeOutcome, images: Sequence[QueryImage]) -> None:
-        """Store the change cells of an answer; a failure is logged and does not fail the answer."""
+    async def _note_changes(self, answer: Document, outcome: LocalizeOutcome, query: LocalizeRequest) -> None:
+        """Store what an answer saw changed; a failure is logged and does not fail the answer."""
         try:
-            await self.changes.note(answer, outcome.change_cells, [image.data for image in images])
+            images = [image.data for image in query.images]
+            await self.changes.note(answer, outcome.change_cells, images, outcome.change_photo, query.batch_id)
             map_id = answer["map_id"]
             if map_id is not None and not self.registry.has(map_id):  # deleted meanwhile
                 await self.changes.forget(map_id)

@@ -16,6 +16,7 @@ from panoloc.service.limits.caller_rates import CallerRates, RateLimits
 from panoloc.service.limits.capacity import bytes_in_flight, upload_places
 from panoloc.service.limits.wrong_keys import WrongKeys
 from panoloc.service.localizations import Localizations
+from panoloc.service.maps.changed_objects import ChangedObjects
 from panoloc.service.maps.changes import ChangeLog
 from panoloc.service.maps.control import ControlBook
 from panoloc.service.maps.registrations import Registrations
@@ -61,6 +62,7 @@ class Services:
         self.wrong_keys = WrongKeys()
         self.audit = AuditLog(settings.data_dir)
         self.export_turns = asyncio.Semaphore(_MOST_EXPORTS)
+        self.changed_objects = ChangedObjects(storage, self.export_turns)
         self.shared_folder: SharedFolder | None = None
         if settings.shared:
             assert settings.redis_url is not None

@@ -161,7 +161,7 @@ class BatchRuns:
         open_image(data, IMAGE, self._max_pixels)
         image = QueryImage(data, camera=record.camera)
         query = LocalizeRequest(
-            (image,), MapChoice(record.map_ids, record.tag, record.tenant), record.options, request_id
+            (image,), MapChoice(record.map_ids, record.tag, record.tenant), record.options, request_id, record.id
         )
         num_deadlines = 0
         while True:

@@ -2,7 +2,8 @@
 
 In storage: `changes/{map}/{time}-{answer}-{images}.json`, beside the maps and not in them: an answer that comes in
 while its map is being deleted leaves nothing in the folder of that map. {images} is a digest: the same images sent
-again are no second witness.
+again are no second witness. A small photo, where one may be kept, lies in `change-photos/{batch}/`, and goes with its
+answer or its batch.
 """
 
 import asyncio
@@ -12,6 +13,7 @@ import json
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -19,14 +21,27 @@ import numpy as np
 
 from panoloc.service.answer import Document, in_map_axes
 from panoloc.service.errors import StorageError
-from panoloc.service.jobs import MapRef
+from panoloc.service.jobs import ChangePhoto, MapRef
 from panoloc.service.storage import Storage
 
 MOST_ANSWERS = 200
 """Of a map; older ones make room."""
 
 _LIFETIME_S = 30 * 24 * 3600  # for which an answer counts
+_NO_BATCH = "queries"  # of photos that belong to none
 Cell = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Period:
+    """The answers from `since` to `until`, which have a time zone; None: from the first that still counts, to the last."""
+
+    since: datetime | None = None
+    until: datetime | None = None
+
+    def has(self, time: datetime) -> bool:
+        """Tell whether a time lies in the period."""
+        return (self.since is None or time >= self.since) and (self.until is None or time <= self.until)
 
 
 class ChangeLog:
@@ -35,27 +50,57 @@ class ChangeLog:
     def __init__(self, storage: Storage) -> None:
         self._storage = storage
 
-    async def note(self, answer: Document, cells: dict[str, Any] | None, images: Sequence[bytes]) -> None:
+    async def note(
+        self,
+        answer: Document,
+        cells: dict[str, Any] | None,
+        images: Sequence[bytes],
+        photo: ChangePhoto | None = None,
+        batch_id: str | None = None,
+    ) -> None:
         """Keep what an answer to images saw, in place of an earlier answer to the same ones.
 
-        cells: see `panoloc.service.worker.answers.change_cells`; None: nothing.
+        cells: see `panoloc.service.worker.answers.change_cells`; None: nothing. photo: what may be kept of the images.
         """
         if cells is not None and answer["map_id"] is not None:
-            await asyncio.to_thread(self._note, answer, cells, images)
+            await asyncio.to_thread(self._note, answer, cells, images, photo, batch_id)
 
-    async def document(self, ref: MapRef, origin_offset: list[float]) -> Document:
-        """Return the body of `GET /maps/{id}/changes` for the revision that answers queries."""
-        return await asyncio.to_thread(self._document, ref, origin_offset)
+    async def document(self, ref: MapRef, origin_offset: list[float], period: Period = Period()) -> Document:
+        """Return the body of `GET /maps/{id}/changes`, but for its objects, for the revision that answers queries."""
+        return await asyncio.to_thread(self._document, ref, origin_offset, period)
+
+    async def photos(self, ref: MapRef, period: Period) -> list[Document]:
+        """Return what is kept of the photos of a revision, oldest first: `key` in storage, `position_m`, `quaternion_xyzw`, `time`."""
+        kept = await asyncio.to_thread(lambda: list(self._kept(ref, period)))
+        return [{**each["photo"], "time": each["answer"]["created_at"]} for each in kept if each.get("photo")]
 
     async def forget(self, map_id: str) -> None:
         """Delete everything about a map."""
-        await asyncio.to_thread(self._storage.delete_all, _folder_of(map_id))
+        await asyncio.to_thread(self._forget, map_id)
 
-    def _note(self, answer: Document, cells: dict[str, Any], images: Sequence[bytes]) -> None:
+    async def forget_batch(self, batch_id: str) -> None:
+        """Delete what is kept of the photos of a batch; the cells that they saw changed stay."""
+        await asyncio.to_thread(self._storage.delete_all, f"change-photos/{batch_id}")
+
+    def _forget(self, map_id: str) -> None:
+        folder = _folder_of(map_id)
+        for name in self._storage.names(folder):
+            self._delete(f"{folder}/{name}")
+        self._storage.delete_all(folder)
+
+    def _note(
+        self,
+        answer: Document,
+        cells: dict[str, Any],
+        images: Sequence[bytes],
+        photo: ChangePhoto | None,
+        batch_id: str | None,
+    ) -> None:
         now = datetime.now(UTC)
         kept = {
             "revision": answer["map_revision"],
             "cells": cells,
+            "photo": photo and self._keep(photo, f"{batch_id or _NO_BATCH}/{answer['id']}.webp"),
             "answer": {
                 "id": answer["id"],
                 "created_at": now.isoformat(timespec="seconds").replace("+00:00", "Z"),
@@ -72,14 +117,30 @@ class ChangeLog:
         others = [each for each in names if each not in again]
         oldest = _oldest()
         for each in (*again, *(each for each in others if each < oldest or each in others[:-MOST_ANSWERS])):
-            self._storage.delete(f"{folder}/{each}")
+            self._delete(f"{folder}/{each}")
 
-    def _document(self, ref: MapRef, origin_offset: list[float]) -> Document:
+    def _keep(self, photo: ChangePhoto, name: str) -> Document:
+        """Store a photo, and return what is said of it."""
+        key = f"change-photos/{name}"
+        self._storage.replace(key, photo.webp)
+        return {"key": key, "position_m": photo.position_m, "quaternion_xyzw": photo.quaternion_xyzw}
+
+    def _delete(self, key: str) -> None:
+        """Delete what is kept of an answer, its photo first."""
+        try:
+            photo = json.loads(self._storage.read(key)).get("photo")
+        except (StorageError, ValueError):
+            photo = None
+        if photo:
+            self._storage.delete(photo["key"])
+        self._storage.delete(key)
+
+    def _document(self, ref: MapRef, origin_offset: list[float], period: Period) -> Document:
         seen: Counter[Cell] = Counter()
         changed: Counter[Cell] = Counter()
         last: dict[Cell, str] = {}
         answers, cell_m = [], 0.0
-        for kept in self._kept(ref):
+        for kept in self._kept(ref, period):
             cell_m = kept["cells"]["cell_m"]
             answers.append(kept["answer"])
             seen.update(_unpacked(kept["cells"]["seen"]))
@@ -106,8 +167,8 @@ class ChangeLog:
             ],
         }
 
-    def _kept(self, ref: MapRef) -> Iterator[dict[str, Any]]:
-        """Yield what is kept of a revision and counts, oldest first."""
+    def _kept(self, ref: MapRef, period: Period) -> Iterator[dict[str, Any]]:
+        """Yield what is kept of a revision and counts in a period, oldest first."""
         folder, oldest = _folder_of(ref.id), _oldest()
         for name in self._storage.names(folder):
             if name < oldest:
@@ -116,7 +177,7 @@ class ChangeLog:
                 kept = json.loads(self._storage.read(f"{folder}/{name}"))
             except (StorageError, ValueError):  # just deleted by another answer, or damaged: the others are enough
                 continue
-            if kept["revision"] == ref.revision:
+            if kept["revision"] == ref.revision and period.has(datetime.fromisoformat(kept["answer"]["created_at"])):
                 yield kept
 
 

@@ -1,6 +1,7 @@
 """Builds from the result of `core` the answer of the HTTP contract, and the cells of the map that it saw changed."""
 
 import base64
+import io
 import math
 import zlib
 from collections.abc import Mapping, Sequence
@@ -9,8 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from panoloc.core.camera.rig import Photo
+from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Candidate, Localization
 from panoloc.service import answer
@@ -23,14 +25,16 @@ from panoloc.service.answer import (
     PoseAnswer,
     RigidMotion,
 )
-from panoloc.service.jobs import ARTIFACTS, LocalizeJob
+from panoloc.service.jobs import ARTIFACTS, ChangePhoto, LocalizeJob
 from panoloc.service.poses import PlaceOnEarth, geopose, motion, pose_answer
+from panoloc.service.worker.query_images import shown_on_sphere
 
 _ACCURACY_LEVEL = 0.68
 # Small enough to keep for weeks, coarse enough that several answers agree.
 _CELL_M = 0.15
 _MOST_CELLS_ACROSS = 30_000  # int16
 _MOST_POINTS = 60_000
+_PHOTO_PX = 1024  # its width: 20 pixels across 0.3 m at 3 m, in 100 kB
 _LEAST_POINTS = 3  # of a cell, for a meaningful mean
 
 
@@ -168,6 +172,21 @@ def change_cells(index: MapIndex, localization: Localization) -> dict[str, Any] 
     enough = counts >= _LEAST_POINTS
     changed = enough & (means < 0.5)
     return {"cell_m": cell_m, "seen": _packed(cells[enough]), "changed": _packed(cells[changed])}
+
+
+def change_photo(query: Rig, localization: Localization) -> ChangePhoto | None:
+    """Return the photo that objects which changed are found in; None for an answer that is not `localized`."""
+    if localization.status != "localized":
+        return None
+    panorama, placed = shown_on_sphere(query, localization)
+    assert placed.best is not None
+    pixels = np.dstack((panorama.color, 255 * panorama.valid)).astype(np.uint8)
+    file = io.BytesIO()
+    # As alpha marks what is missing, colours below it are not wanted either.
+    Image.fromarray(pixels).resize((_PHOTO_PX, _PHOTO_PX // 2), Image.Resampling.BOX).save(file, "WEBP", quality=85)
+    x, y, z = placed.best.pose.position.tolist()
+    a, b, c, d = placed.best.pose.quaternion_xyzw.tolist()
+    return ChangePhoto(file.getvalue(), (x, y, z), (a, b, c, d))
 
 
 def _packed(cells: NDArray[np.int16]) -> str:

@@ -21,7 +21,7 @@ from panoloc.service.cache import WorkerCache
 from panoloc.service.host.process_resources import keep_freed_memory, num_usable_cpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from panoloc.service.storage import Storage
-from panoloc.service.worker.answers import answer_of, change_cells
+from panoloc.service.worker.answers import answer_of, change_cells, change_photo
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.query_images import as_found, read_query, shown_on_sphere
 from panoloc.service.worker.reply import WorkerReply, guarded
@@ -98,7 +98,8 @@ class _RunningQuery:
         pictures = self._timed("pictures", lambda: _pictures(query, index, localization, self._job.options.artifacts))
         cells = self._timed("pictures", lambda: None if index is None else change_cells(index, localization))
         answer = answer_of(localization, self._job, query.photos, self._timings_s, pictures)
-        return LocalizeOutcome(answer, pictures, cells)
+        photo = self._timed("pictures", lambda: change_photo(query, localization)) if self._job.keep_photo else None
+        return LocalizeOutcome(answer, pictures, cells, photo)
 
     def _localized(self, query: Rig) -> Localization:
         options = self._job.options

@@ -25,7 +25,8 @@ def main(arguments: list[str]) -> int:
         "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers;\n"
         "intake: reads 40 scans with mixed-up units, axes, coordinate systems and heights;\n"
         "robot: drives through a flat with odometry that errs (docs/ros2.md);\n"
-        "phones: 20 that look for their place, in a browser; walks: a minute each with the npm package's tracker; all",
+        "phones: 20 that look for their place, in a browser; walks: a minute each with the npm package's tracker;\n"
+        "changes: objects that came, went or moved in rooms; all",
     )
     parser.add_argument(
         "--cases", type=int, default=10_000, help="damaged scans; half as many images and requests (10,000)"
@@ -35,6 +36,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--soak-s", type=float, default=3600.0, help="seconds of soak (3600)")
     parser.add_argument("--phones", type=int, default=20, help="phones that look for their place (20)")
     parser.add_argument("--intake-scans", type=int, default=40, help="of intake (40)")
+    parser.add_argument("--rooms", type=int, default=30, help="rooms whose furniture changed (30)")
     parser.add_argument("--seed", type=int, default=1, help="the same seed damages in the same way (1)")
     given = parser.parse_args(arguments)
     parts = _parts(given)
@@ -52,6 +54,7 @@ def main(arguments: list[str]) -> int:
 
 def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
     # Torch takes seconds to import, for which `--help` need not wait.
+    from tests.campaign.changes import changes
     from tests.campaign.hostile_files import hostile_images, hostile_scans
     from tests.campaign.hostile_requests import hostile_requests
     from tests.campaign.intake import intake
@@ -78,6 +81,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "robot": partial(robot, 0),
         "phones": partial(phones, given.phones, given.seed),
         "walks": partial(walks, given.seed),
+        "changes": partial(changes, given.rooms),
         "soak": partial(soak, given.soak_s),
     }
 

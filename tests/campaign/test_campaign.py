@@ -6,8 +6,12 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from panoloc.core.changes.finding import Change
+from panoloc.lab.rooms.capture.changed_objects import ChangedObject
+from tests.campaign.changes import Measured, area_under_curve, compare
 from tests.campaign.flood import Flood
 
 ROOT = Path(__file__).parents[2]
@@ -48,3 +52,17 @@ def test_impatient_callers_keep_their_connections_and_newcomers_bring_their_own(
         server.shutdown()
     assert set(impatient.status) == set(newcomers.status) == {429}
     assert impatient.wrong == newcomers.wrong == 0
+
+
+def test_objects_are_compared_with_the_truth_by_place_and_by_what_became_of_them() -> None:
+    sizes = np.zeros(3), np.ones(3)
+    true = [
+        ChangedObject("sofa", is_new, True, low + sizes[0], low + sizes[1], np.zeros((0, 3)), 0.1, 100)
+        for is_new, low in ((False, np.array([0.0, 0, 0])), (True, np.array([3.0, 0, 0])))
+    ]
+    moved = Change("1", "moved", np.array([3.6, 0.5, 0.5]), np.ones(3), np.array([0.5, 0.5, 0.7]), 0.9, (0,))
+    made_up = Change("2", "came", np.array([0.5, 0.5, 0.5]), np.ones(3), None, 0.9, (0,))
+    counts = Measured()
+    assert compare([moved, made_up], true, counts) == pytest.approx([0.1, 0.2])
+    assert (counts.recall, counts.precision, counts.moved_found) == (1.0, 2 / 3, 1)
+    assert area_under_curve(np.array([0.1, 0.5, 0.5, 0.9], np.float32), np.array([False, False, True, True])) == 0.875

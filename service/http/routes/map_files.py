@@ -1,4 +1,4 @@
-"""What viewers show of a map: its picture from above, its points, its starts, what changed."""
+"""What viewers show of a map: its picture from above, its points, its starts."""
 
 import asyncio
 import json
@@ -10,11 +10,11 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from panoloc.service.errors import StoredFileMissingError
-from panoloc.service.http.access import caller_of, maps_seen, require
+from panoloc.service.http.access import maps_seen, require
 from panoloc.service.http.openapi import file_response, json_response
 from panoloc.service.http.schemas.coordinates import Coordinates, coordinates_of
-from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE, COORDINATES_EXAMPLE
-from panoloc.service.http.schemas.maps import MapChanges, MapStarts
+from panoloc.service.http.schemas.examples import COORDINATES_EXAMPLE
+from panoloc.service.http.schemas.maps import MapStarts
 from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef
 from panoloc.service.maps.point_sample import PlySample
 from panoloc.service.maps.record import key_of, place_on_earth
@@ -125,24 +125,6 @@ async def get_coordinates(request: Request, map_id: str, x: _Metres, y: _Metres,
     """Return where a position of the map's own frame is on Earth; null where the map has no place there."""
     record = maps_seen(request).get(map_id)
     return JSONResponse(await asyncio.to_thread(coordinates_of, place_on_earth(record), (x, y, z)))
-
-
-@router.get(
-    "/maps/{map_id}/changes",
-    summary="Changes since the scan, as seen by answers",
-    responses=json_response(MapChanges, CHANGES_EXAMPLE, *_ERRORS),
-)
-async def get_changes(request: Request, map_id: str) -> Response:
-    """Return the answers in use, and the cells in which they saw a change. Both refer to the serving revision."""
-    services = services_of(request)
-    record = maps_seen(request).get(map_id)
-    stats = (record.serving.stats if record.serving else None) or {}
-    offset = [float(value) for value in stats.get("origin_offset", (0.0, 0.0, 0.0))]
-    changes = await services.changes.document(serving_ref(record), offset)
-    if caller_of(request).tenant is not None:
-        # Who knows the id of an answer may fetch it, and not all are of the same tenant.
-        changes["answers"] = [{**answer, "id": None} for answer in changes["answers"]]
-    return JSONResponse(changes)
 
 
 async def _file(request: Request, map_id: str, name: str) -> tuple[bytes, MapRef]:

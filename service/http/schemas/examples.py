@@ -135,6 +135,22 @@ CHANGES_EXAMPLE: dict[str, Any] = {
             "map_changed_fraction": 0.11,
         }
     ],
+    "num_photos": 3,
+    "objects": [
+        {
+            "id": "5f0c2a9b7e31",
+            "kind": "moved",
+            "center_m": [2.03, 0.98, 0.44],
+            "size_m": [0.52, 0.55, 0.88],
+            "from_m": [0.61, 1.2, 0.44],
+            "floor": 0,
+            "certainty": 0.91,
+            "num_photos": 3,
+            "seen_from_m": [1.2, 0.3, 1.5],
+            "first_seen_at": "2026-11-21T12:00:00Z",
+            "last_seen_at": "2026-11-21T12:04:00Z",
+        }
+    ],
     "cells": [
         {"center_m": [2.025, 0.975, 0.375], "num_changed": 1, "num_seen": 1, "last_changed_at": "2026-11-21T12:00:00Z"}
     ],

@@ -3,13 +3,14 @@
 import base64
 import struct
 import zlib
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from panoloc.service.jobs import MapRef
-from panoloc.service.maps.changes import MOST_ANSWERS, ChangeLog
+from panoloc.service.jobs import ChangePhoto, MapRef
+from panoloc.service.maps.changes import MOST_ANSWERS, ChangeLog, Period
 from panoloc.service.storage import FolderStorage
 
 pytestmark = pytest.mark.anyio
@@ -104,3 +105,28 @@ async def test_nothing_is_left_of_a_map_that_is_forgotten(log: ChangeLog, tmp_pa
     await log.note(answer(), seen((0, 0, 0)), PHOTO)
     await log.forget("map_a")
     assert not (tmp_path / "changes" / "map_a").exists()
+
+
+SMALL = ChangePhoto(b"webp", (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+
+
+async def test_a_small_photo_lives_as_long_as_its_answer_and_its_batch(log: ChangeLog, tmp_path: Path) -> None:
+    await log.note(answer(1), seen((0, 0, 0)), PHOTO, SMALL, "batch_a")
+    await log.note(answer(2), seen((0, 0, 0)), OTHER_PHOTO, SMALL)
+    await log.note(answer(3), seen((0, 0, 0)), [b"three"])
+    assert [photo["position_m"] for photo in await log.photos(REF, Period())] == [[1.0, 2.0, 3.0]] * 2
+    await log.forget_batch("batch_a")
+    kept = [path.name for path in (tmp_path / "change-photos").rglob("*.webp")]
+    assert kept == ["loc_2.webp"]
+    await log.note(answer(4), seen((0, 0, 0)), OTHER_PHOTO)  # the same photo again, now without one to keep
+    await log.forget("map_a")
+    assert not list((tmp_path / "change-photos").rglob("*.webp"))
+
+
+async def test_only_answers_of_the_period_count(log: ChangeLog) -> None:
+    await log.note(answer(1), seen((0, 0, 0), changed=((0, 0, 0),)), PHOTO, SMALL)
+    hour = timedelta(hours=1)
+    now = datetime.now(UTC)
+    for period, count in ((Period(now - hour), 1), (Period(now + hour), 0), (Period(until=now - hour), 0)):
+        found = await log.document(REF, NO_OFFSET, period)
+        assert len(found["answers"]) == len(found["cells"]) == len(await log.photos(REF, period)) == count

@@ -1,0 +1,1 @@
+"""What came, went and moved between a scan and photos with known poses, as objects."""

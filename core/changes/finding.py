@@ -1,0 +1,119 @@
+"""From a scan and photos with poses to a list of changes: the order of the steps is written here."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from hashlib import sha256
+from math import exp
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.changes.detection import find_placed_objects
+from panoloc.core.changes.evidence import PhotoEvidence, photo_evidence
+from panoloc.core.changes.network import fitted_network
+from panoloc.core.changes.objects import PlacedObject, pair_up
+from panoloc.core.config import CHANGES
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import pixels_towards
+from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
+from panoloc.core.scan.point_cloud import PointCloud
+
+Kind = Literal["came", "went", "moved"]
+
+
+@dataclass(frozen=True, eq=False)
+class DatedPhoto:
+    """A photo on the sphere, map_from_camera, and when it was taken, or came to the service."""
+
+    panorama: Panorama
+    pose: Pose
+    time: datetime
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """An object that came, went or moved, in the map's own frame, metres.
+
+    id: of 12 hex digits, from kind and place. center, size: (3,) of its box along the map's axes; of what moved where it is now.
+    from_center: (3,) where it was, of what moved. certainty: 0..1, how probable it is that the object changed as is said.
+    photos: numbers of the photos that saw the change; the one that shows most of the object first.
+    """
+
+    id: str
+    kind: Kind
+    center: NDArray[np.float64]
+    size: NDArray[np.float64]
+    from_center: NDArray[np.float64] | None
+    certainty: float
+    photos: tuple[int, ...]
+
+
+def find_changes(cloud: PointCloud, photos: Sequence[DatedPhoto]) -> list[Change]:
+    """Return what changed, the surest first."""
+    if not photos:
+        return []
+    points, colors = torch.from_numpy(cloud.positions), torch.from_numpy(cloud.colors).float() / 255
+    rendered = make_render_cloud(points, colors, point_spacing(points))
+    seen = [photo_evidence(rendered, each.panorama, _in_cloud(each.pose, cloud)) for each in photos]
+    placed = find_placed_objects(fitted_network(), cloud.positions, colors.numpy(), seen)
+    witnessed = [(each, _witnesses(each, seen)) for each in placed if each.size.max() >= CHANGES.least_side_m]
+    went, came = ([pair for pair in witnessed if pair[0].is_new is is_new] for is_new in (False, True))
+    moved = pair_up([each for each, _ in went], [each for each, _ in came])
+    offset = np.asarray(cloud.origin_offset, np.float64)
+    found = [_moved(went[i], came[j], offset) for i, j in moved]
+    found += [_alone(each, "went", offset) for k, each in enumerate(went) if all(k != i for i, _ in moved)]
+    found += [_alone(each, "came", offset) for k, each in enumerate(came) if all(k != j for _, j in moved)]
+    return sorted(found, key=lambda each: -each.certainty)
+
+
+def certainty_of(likelihood: float, num_photos: int, num_voxels: int) -> float:
+    """Return how probable it is that an object changed: more of it, seen by more photos, with more contrast, is surer."""
+    base, of_likelihood, of_photos, of_voxels = CHANGES.certainty
+    odds = base + of_likelihood * likelihood + of_photos * min(num_photos, 4) + of_voxels * np.log(num_voxels)
+    return 1 / (1 + exp(-odds))
+
+
+def _in_cloud(map_from_camera: Pose, cloud: PointCloud) -> Pose:
+    return Pose(map_from_camera.rotation, map_from_camera.position - cloud.origin_offset)
+
+
+def _witnesses(placed: PlacedObject, seen: Sequence[PhotoEvidence]) -> tuple[int, ...]:
+    """Return the numbers of the photos that saw the change, the one that shows most of it first."""
+    voxels = torch.from_numpy(placed.voxels).float()
+    shown: list[tuple[float, int]] = []
+    for number, each in enumerate(seen):
+        relative = voxels - each.center
+        distance, pixel = relative.norm(dim=1), pixels_towards(relative, CHANGES.rows)
+        open_ = each.known.flatten()[pixel] & (distance <= each.depth.flatten()[pixel] + CHANGES.surface_m)
+        open_ &= distance < CHANGES.reach_m
+        if float(open_.float().mean()) < CHANGES.seen_share:
+            continue
+        if float(each.changed.flatten()[pixel][open_].mean()) > CHANGES.seen_changed:
+            shown.append((-float(len(torch.unique(pixel[open_]))), number))
+    return tuple(number for _, number in sorted(shown))
+
+
+_Witnessed = tuple[PlacedObject, tuple[int, ...]]
+
+
+def _alone(witnessed: _Witnessed, kind: Kind, offset: NDArray[np.float64]) -> Change:
+    placed, photos = witnessed
+    certainty = certainty_of(placed.likelihood, len(photos), len(placed.voxels))
+    return Change(_id_of(kind, placed), kind, placed.center + offset, placed.size, None, certainty, photos)
+
+
+def _moved(went: _Witnessed, came: _Witnessed, offset: NDArray[np.float64]) -> Change:
+    """Return both as one, no surer than the less sure of them."""
+    certainty = min(certainty_of(each.likelihood, len(photos), len(each.voxels)) for each, photos in (went, came))
+    photos = tuple(dict.fromkeys((*came[1], *went[1])))
+    now, before = came[0], went[0].center + offset
+    return Change(_id_of("moved", now), "moved", now.center + offset, now.size, before, certainty, photos)
+
+
+def _id_of(kind: Kind, placed: PlacedObject) -> str:
+    place = " ".join(f"{value:.2f}" for value in placed.center)
+    return sha256(f"{kind} {place}".encode()).hexdigest()[:12]

@@ -1,0 +1,94 @@
+"""What a report is made of, the same for every format."""
+
+import io
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from panoloc.core.scan.from_above import Area, draw_from_above
+from panoloc.core.scan.point_cloud import PointCloud
+
+COLORS = {"came": (24, 128, 56), "went": (200, 40, 36), "moved": (26, 86, 196)}
+WORDS = {"came": "new", "went": "gone", "moved": "moved"}
+_PLAN_PX = 1400
+
+
+@dataclass(frozen=True, eq=False)
+class ChangeReport:
+    """One report.
+
+    title: the name of the map. period: in words. made_at: ISO 8601. objects: as in the HTTP contract, the surest first. pictures: JPEGs by
+    id of an object. plan: PNG. coordinate_system: of the positions, georeference and
+    geoid_undulation_m: of the map; None where they are unknown.
+    """
+
+    title: str
+    period: str
+    made_at: str
+    objects: Sequence[dict[str, Any]]
+    pictures: dict[str, bytes]
+    plan: bytes
+    coordinate_system: str | None
+    georeference: dict[str, Any] | None
+    geoid_undulation_m: float | None
+
+
+def read_report(document: dict[str, Any], cloud: PointCloud) -> ChangeReport:
+    """Return the report of a document: title, period, made_at, found (a zip of `panoloc.core.changes`), objects, and the map's place."""
+    with zipfile.ZipFile(document["found"]) as archive:
+        pictures = {
+            name.removesuffix(".jpg"): archive.read(name) for name in archive.namelist() if name.endswith(".jpg")
+        }
+    objects = document["objects"]
+    shown = {each["id"]: pictures[each["id"]] for each in objects if each["id"] in pictures}
+    return ChangeReport(
+        document["title"],
+        document["period"],
+        document["made_at"],
+        objects,
+        shown,
+        draw_plan(cloud, objects),
+        document["coordinate_system"],
+        document["georeference"],
+        document["geoid_undulation_m"],
+    )
+
+
+def draw_plan(cloud: PointCloud, objects: Sequence[dict[str, Any]]) -> bytes:
+    """Return a PNG of the scan from above with the numbered boxes of objects; of what moved an arrow from where it was."""
+    positions = cloud.positions.astype(np.float64)
+    lower, upper = np.quantile(positions, 0.001, axis=0), np.quantile(positions, 0.999, axis=0)
+    top_m = float(lower[2] + 0.85 * (upper[2] - lower[2]))
+    seen = draw_from_above(positions, cloud.colors, Area(lower[:2], upper[:2], top_m), _PLAN_PX)
+    faded = Image.blend(Image.fromarray(seen.picture), Image.new("RGB", seen.picture.shape[1::-1], "white"), 0.45)
+    pen = ImageDraw.Draw(faded)
+    offset = np.asarray(cloud.origin_offset)
+    for number, each in enumerate(objects, 1):
+        center, half = np.array(each["center_m"]) - offset, np.array(each["size_m"]) / 2
+        (x0, y1), (x1, y0) = seen.pixels_of(np.stack((center - half, center + half))).tolist()
+        color = COLORS[each["kind"]]
+        if each["from_m"] is not None:
+            (u, v), (x, y) = seen.pixels_of(np.stack((np.array(each["from_m"]) - offset, center))).tolist()
+            pen.line((u, v, x, y), fill=color, width=4)
+            pen.ellipse((u - 7, v - 7, u + 7, v + 7), outline=color, width=3)
+        pen.rectangle((x0, y0, max(x1, x0 + 3), max(y1, y0 + 3)), outline=color, width=4)
+        at = (x0 + x1) / 2, (y0 + y1) / 2
+        pen.ellipse((at[0] - 17, at[1] - 17, at[0] + 17, at[1] + 17), fill="white", outline=color, width=2)
+        pen.text(at, str(number), fill=color, anchor="mm", font_size=22)
+    buffer = io.BytesIO()
+    faded.save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def place_words(position_m: Sequence[float]) -> str:
+    """Return a position in words."""
+    return ", ".join(f"{value:.2f}" for value in position_m)
+
+
+def size_words(size_m: Sequence[float]) -> str:
+    """Return a size in words."""
+    return " x ".join(f"{value:.2f}" for value in size_m) + " m"

@@ -1,0 +1,44 @@
+"""Changes since the scan as objects (see `panoloc.core.changes`)."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ObjectChangesConfig:
+    """Comparing photos with the scan, and telling what came and went. Chosen on development seeds of `python -m tests.campaign changes`."""
+
+    rows: int = 256  # of the spheres that photos are compared on: 0.7 degrees a pixel, 4 cm at 3 m
+    dark: float = 0.04  # added to colours of 0..1 before logarithms are taken, so that noise in shadows weighs little
+    hue_weight: float = 2.5  # shadows change brightness, hardly hue
+    half: float = 0.22  # distance of logarithms from which on a pixel is rather changed than not
+    light_deg: float = 25.0  # width of the surroundings on which light is fitted (standard deviation)
+    light_steps: int = 4
+    voxel_m: float = 0.1
+    near_m: float = 0.25  # from the camera: its tripod, its operator's hand
+    surface_m: float = 0.1  # a voxel within it of the scan's surface lies at it
+    tile: int = 64  # voxels across of what the network sees at once; and around it, of which it sees the half only
+    margin: int = 16
+    reach_m: float = 8.0  # from a camera, beyond which objects of 0.3 m are a few pixels
+    most_photos: int = 8  # that have their say on a tile
+    least_changed: float = 0.3  # of what all photos agree on, somewhere in a tile; else nothing in it changed
+    likely: float = 0.5  # of a voxel, from which on it belongs to an object
+    least_voxels: float = 4.0  # of an object
+    vote_m: float = (
+        0.05  # votes are counted in cubes of this side; each counts around with this deviation, and climbs so far
+    )
+    vote_blur_m: float = 0.1
+    vote_reach_m: float = 0.25
+    size_apart: float = (
+        0.35  # what went and came moved where mean logarithms of sides and colours differ less than these
+    )
+    color_apart: float = 0.2
+    least_side_m: float = 0.3  # the largest of an object; smaller ones are rather noise
+    # Of an object's voxels that a photo shows, and how changed they look on average, for it to have seen the change.
+    seen_share: float = 0.25
+    seen_changed: float = 0.35
+    # Log odds that what is found did change: a constant, and weights of mean likelihood, of photos that saw it (up to four) and of the
+    # logarithm of voxels. Logistic regression on development seeds.
+    certainty: tuple[float, float, float, float] = (-4.0, 4.0, 0.5, 0.3)
+
+
+CHANGES = ObjectChangesConfig()

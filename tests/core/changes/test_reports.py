@@ -1,0 +1,106 @@
+"""Reports of changes open in what they are for, and say the same."""
+
+import csv
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from panoloc.core.changes.reports.__main__ import main
+from panoloc.core.scan.ply.writer import write_ply
+from panoloc.core.scan.point_cloud import PointCloud
+
+GRID = np.array([691_600.0, 5_334_800.0, 500.0])
+"""In EPSG:25832, in Munich."""
+
+
+def changed(number: int, kind: str, **others: Any) -> dict[str, Any]:
+    return {
+        "id": f"{number:012x}",
+        "kind": kind,
+        "center_m": (GRID + (number, 1.0, 0.5)).tolist(),
+        "size_m": [0.6, 0.5, 1.0],
+        "from_m": None,
+        "floor": 0,
+        "seen_from_m": (GRID + (0, 0, 1.5)).tolist(),
+        "certainty": 0.8,
+        "num_photos": 2,
+        "first_seen_at": "2026-11-21T12:00:00Z",
+        "last_seen_at": "2026-11-21T12:00:00Z",
+        **others,
+    }
+
+
+OBJECTS = [
+    changed(1, "came"),
+    changed(2, "went"),
+    changed(3, "moved", from_m=(GRID + (0.5, 2.0, 0.5)).tolist()),
+]
+
+
+def report(folder: Path, wanted: str, system: str | None = "EPSG:25832") -> bytes:
+    """Return a report of three changes in a room of 4 m."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 4, (4000, 3)).astype(np.float32) * (1, 1, 0.6)
+    cloud = PointCloud(points.astype(np.float32), rng.integers(0, 255, (4000, 3), dtype=np.uint8), origin_offset=GRID)
+    write_ply(folder / "points.ply", cloud)
+    with zipfile.ZipFile(folder / "found.zip", "w") as archive:
+        for each in OBJECTS:
+            picture = io.BytesIO()
+            Image.new("RGB", (64, 32), "red").save(picture, "JPEG")
+            archive.writestr(f"{each['id']}.jpg", picture.getvalue())
+    about = {"title": "Büro <3> 東", "period": "Found in 3 photos.", "made_at": "2026-11-22T08:00:00Z"}
+    place = {"coordinate_system": system, "georeference": None, "geoid_undulation_m": 45.0}
+    sources = {"points": str(folder / "points.ply"), "found": str(folder / "found.zip"), "objects": OBJECTS}
+    (folder / "document.json").write_text(json.dumps({**about, **place, **sources}))
+    assert main([str(folder / "document.json"), wanted, str(folder / "out")]) == 0
+    return (folder / "out").read_bytes()
+
+
+def test_the_page_stands_alone_and_escapes_names(tmp_path: Path) -> None:
+    page = report(tmp_path, "html").decode()
+    assert "Büro &lt;3&gt; 東" in page and "1 new, 1 gone, 1 moved" in page
+    assert page.count("data:image/jpeg") == len(OBJECTS)
+    assert "http" not in page and "<script" not in page
+
+
+def test_the_pdf_has_plan_list_and_pictures_and_takes_any_name(tmp_path: Path) -> None:
+    data = report(tmp_path, "pdf")
+    assert data.startswith(b"%PDF-") and data.count(b"/Subtype /Image") >= 2
+
+
+def test_a_spreadsheet_has_one_line_per_object_in_metres(tmp_path: Path) -> None:
+    rows = list(csv.DictReader(io.StringIO(report(tmp_path, "csv").decode())))
+    assert [row["kind"] for row in rows] == ["came", "went", "moved"]
+    assert float(rows[0]["x_m"]) == pytest.approx(691_601.0)
+    assert (rows[0]["from_x_m"], float(rows[2]["from_x_m"])) == ("", pytest.approx(691_600.5))
+
+
+def test_geojson_is_in_degrees_on_earth_and_says_so_where_it_is_not(tmp_path: Path) -> None:
+    placed = json.loads(report(tmp_path, "geojson"))
+    longitude, latitude, *_ = placed["features"][0]["geometry"]["coordinates"]
+    assert (longitude, latitude) == (pytest.approx(11.585, abs=0.01), pytest.approx(48.139, abs=0.01))
+    unplaced = json.loads(report(tmp_path, "geojson", system=None))
+    assert unplaced["features"][0]["geometry"]["coordinates"] == OBJECTS[0]["center_m"]
+    assert "metres" in unplaced["crs_note"] and "crs_note" not in placed
+
+
+def test_bcf_has_a_topic_with_viewpoint_and_snapshot_per_object(tmp_path: Path) -> None:
+    with zipfile.ZipFile(io.BytesIO(report(tmp_path, "bcf"))) as archive:
+        assert ElementTree.fromstring(archive.read("bcf.version")).get("VersionId") == "2.1"
+        topics = {name.partition("/")[0] for name in archive.namelist() if "/" in name}
+        assert len(topics) == len(OBJECTS)
+        for topic in topics:
+            markup = ElementTree.fromstring(archive.read(f"{topic}/markup.bcf"))
+            view = ElementTree.fromstring(archive.read(f"{topic}/viewpoint.bcfv"))
+            assert markup.find("Topic").get("Guid") == topic  # type: ignore[union-attr]
+            assert markup.find("Viewpoints").get("Guid") == view.get("Guid")  # type: ignore[union-attr]
+            direction = [float(value.text or "") for value in view.find("PerspectiveCamera/CameraDirection") or ()]
+            assert np.linalg.norm(direction) == pytest.approx(1.0, abs=1e-5)
+            assert Image.open(io.BytesIO(archive.read(f"{topic}/snapshot.png"))).format == "PNG"
