@@ -94,6 +94,14 @@ def earth_pose(georeference: Georeference, map_from_camera: Pose) -> EarthPose:
     return EarthPose(latitude, longitude, height, turn @ axes @ map_from_camera.rotation)
 
 
+def seen_from(origin: EarthPose, camera: EarthPose) -> Pose:
+    """Return the pose of a camera in east, north, up at an origin whose height counts from the same reference."""
+    axes = _ecef_from_enu(origin.latitude_deg, origin.longitude_deg)
+    there, here = (np.array(ecef_of(at.latitude_deg, at.longitude_deg, at.height_m)) for at in (camera, origin))
+    turn = axes.T @ _ecef_from_enu(camera.latitude_deg, camera.longitude_deg)
+    return Pose(turn @ camera.enu_from_camera, axes.T @ (there - here))
+
+
 def _ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Matrix:
     """Return the rotation (3, 3) whose columns are east, north and up at a place."""
     latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)

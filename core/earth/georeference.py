@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -43,7 +44,7 @@ class CoordinateSystem:
     """A projected coordinate system.
 
     definition: "EPSG:25832" where it has a code, else WKT. name: for people. heights: what they are above.
-    metres_per_unit: of its coordinates.
+    metres_per_unit: of its coordinates. epsg: code of its horizontal part, None without one.
     """
 
     def __init__(self, text: str):
@@ -69,6 +70,22 @@ class CoordinateSystem:
         self.metres_per_unit = float(system.axis_info[0].unit_conversion_factor)
         self._to_earth = Transformer.from_crs(horizontal.to_2d(), _WGS_84, always_xy=True)
         self._ellipsoid = Geod(ellps="WGS84")
+        found = horizontal.to_authority("EPSG")
+        self.epsg = int(found[1]) if found else None
+        self._system = system
+
+    @property
+    def wkt_in_metres(self) -> str:
+        """Return WKT (OGC 01-009, where that can say it) of the same system with positions in metres, heights included."""
+        from pyproj import CRS
+        from pyproj.exceptions import CRSError
+
+        document = self._system.to_json_dict()
+        system = CRS.from_json_dict(document) if _to_metres(document) else self._system
+        try:
+            return str(system.to_wkt("WKT1_GDAL"))
+        except CRSError:
+            return str(system.to_wkt())
 
     def place(self, position_m: Position, geoid_undulation_m: float | None = None) -> EarthPlace | None:
         """Return where a position lies; None outside of where the system is defined.
@@ -92,6 +109,25 @@ class CoordinateSystem:
 def coordinate_system(text: str) -> CoordinateSystem:
     """Return the coordinate system by EPSG code or WKT; making one takes a tenth of a second. Raises OptionsError."""
     return CoordinateSystem(text)
+
+
+def _to_metres(document: Any) -> bool:
+    """Let the axes of a system in PROJJSON count metres; return whether any did not. Its constants have units of their own."""
+    parts = list(_parts_of(document))
+    axes = [axis for part in parts for axis in part.get("coordinate_system", {}).get("axis", ())]
+    others = [axis for axis in axes if axis["unit"] not in ("metre", "degree")]
+    for axis in others:
+        axis["unit"] = "metre"
+    for part in parts if others else ():
+        part.pop("id", None)  # it is no longer the system of its code and name
+        part["name"] = f"{part.get('name', 'grid')}, in metres"
+    return bool(others)
+
+
+def _parts_of(document: Any) -> Iterator[Any]:
+    yield document
+    for part in (*document.get("components", ()), *(document[name] for name in ("source_crs",) if name in document)):
+        yield from _parts_of(part)
 
 
 def _heights_of(system: Any) -> HeightReference:

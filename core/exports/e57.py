@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports.frames import quaternion_wxyz
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, why_not_as_named
@@ -36,14 +37,14 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
     its own, because the scanner did not take it. Raises ExportRefusedError where the package pye57 is missing.
     """
     try:
-        from pye57 import E57
+        import pye57  # noqa: F401
     except ImportError as error:
         raise ExportRefusedError(
             "e57: expected the package pye57, but the service runs without it; choose another format"
         ) from error
     with tempfile.TemporaryDirectory(prefix="panoloc-e57-") as folder:
         path = Path(folder) / "tour.e57"
-        file = E57(str(path), mode="w")
+        file = _new_file(path, _coordinate_metadata(tour))
         try:
             if tour.survey is not None:
                 _copy_scans(file, tour.survey)
@@ -55,6 +56,42 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         finally:
             file.close()
         yield ExportedFile("tour.e57", path)
+
+
+def _coordinate_metadata(tour: Tour) -> str:
+    """Return the coordinate system of the file's positions, which are in metres, as WKT; empty where it is not known."""
+    if tour.coordinate_system is not None and tour.georeference is None:
+        return coordinate_system(tour.coordinate_system).wkt_in_metres
+    if tour.survey is None:
+        return ""
+    from pye57 import libe57
+
+    opened = libe57.ImageFile(str(tour.survey), "r")
+    try:
+        root = opened.root()
+        return str(root["coordinateMetadata"].value()) if root.isDefined("coordinateMetadata") else ""
+    finally:
+        opened.close()
+
+
+def _new_file(path: Path, coordinate_metadata: str) -> Any:
+    """Return an open `pye57.E57`, which itself writes no coordinate system."""
+    from pye57 import E57, libe57
+
+    class File(E57):  # type: ignore[misc]
+        def write_default_header(self) -> None:
+            file = self.image_file
+            file.extensionsAdd("", libe57.E57_V1_0_URI)
+            texts = {"formatName": "ASTM E57 3D Imaging Data File", "guid": f"{{{uuid.uuid4()}}}"}
+            texts |= {"e57LibraryVersion": libe57.E57_LIBRARY_ID, "coordinateMetadata": coordinate_metadata}
+            for name, text in texts.items():
+                self.root.set(name, libe57.StringNode(file, text))
+            for name, number in (("versionMajor", libe57.E57_FORMAT_MAJOR), ("versionMinor", libe57.E57_FORMAT_MINOR)):
+                self.root.set(name, libe57.IntegerNode(file, number))
+            for name in ("data3D", "images2D"):
+                self.root.set(name, libe57.VectorNode(file, True))
+
+    return File(str(path), mode="w")
 
 
 def _add_points(file: Any, scan: Path) -> None:

@@ -18,6 +18,7 @@ from panoloc.core.scan.file_names import distinct_names
 
 _WGS84 = 4326
 _MAX_ARCGIS_ROLL_DEG = 90.0
+_OFFSETS_H = (-12, 14)  # of local times from UTC
 _ARCGIS_COLUMNS = (
     *("X", "Y", "Z", "SRS", "Name", "ImagePath", "AcquisitionDate", "CameraHeading", "CameraPitch", "CameraRoll"),
     *("HorizontalFieldOfView", "VerticalFieldOfView", "OrientedImageryType"),
@@ -61,7 +62,8 @@ def write_stac(tour: Tour) -> Iterator[ExportedFile]:
     """Yield `items.json`, STAC items with the Panorama extension 1.0.0: a GeoJSON feature per photo.
 
     Angles and centre of projection are in the grid of a map that has one (`pers:crs`), else WGS 84 and from true north.
-    `datetime` of a photo without a time of its own is when it was placed.
+    `datetime` of a photo without a time of its own is when it was placed. It is null for a clock that does not name its offset: the time
+    then lies in an interval of 26 hours.
     """
     ids = distinct_names(re.sub(r"[^\w.-]", "_", photo.name) for photo in tour.photos)
     placed = zip(ids, on_earth(tour), strict=True)
@@ -83,7 +85,7 @@ def _stac_item(tour: Tour, item_id: str, photo: PlacedPhoto, place: EarthPose, a
         "geometry": {"type": "Point", "coordinates": at},
         "bbox": [*at, *at],
         "properties": {
-            "datetime": _time_text(tour, photo),
+            **_stac_time(tour, photo),
             "pano:projection_type": "equirectangular",
             "pano:yaw": shown.heading_deg,
             "pano:pitch": shown.elevation_deg,
@@ -134,13 +136,11 @@ def on_earth(tour: Tour) -> Iterator[tuple[PlacedPhoto, EarthPose, PhotoAngles]]
 
 
 def grid_of(tour: Tour) -> int | None:
-    """Return the EPSG code of the map's own axes, None without one or where its unit is not the metre."""
+    """Return the EPSG code of the map's horizontal axes, None without one or where their unit is not the metre."""
     if tour.georeference is not None or tour.coordinate_system is None:
         return None
-    code = re.match(r"(?i)epsg:(\d+)", tour.coordinate_system)
-    if code is None or coordinate_system(tour.coordinate_system).metres_per_unit != 1.0:
-        return None
-    return int(code[1])
+    system = coordinate_system(tour.coordinate_system)
+    return system.epsg if system.metres_per_unit == 1.0 else None
 
 
 def _coordinates(place: EarthPose) -> list[float]:
@@ -164,7 +164,20 @@ def _place(tour: Tour, photo: PlacedPhoto) -> EarthPose:
     return found
 
 
+def _stac_time(tour: Tour, photo: PlacedPhoto) -> dict[str, str | None]:
+    if photo.time_unix_s is None or not photo.is_local_time:
+        return {"datetime": _time_text(tour, photo)}
+    bounds = (_text_of(photo.time_unix_s - 3600 * ahead) for ahead in _OFFSETS_H)
+    return {"datetime": None, **dict(zip(("end_datetime", "start_datetime"), bounds, strict=True))}
+
+
 def _time_text(tour: Tour, photo: PlacedPhoto) -> str:
-    """Return when a photo was taken, or else placed, as RFC 3339 in UTC."""
-    time_unix_s = tour.created_unix_s if photo.time_unix_s is None else photo.time_unix_s
+    """Return when a photo was taken, or else placed, as RFC 3339 in UTC; without the Z where it is local time (ISO 8601)."""
+    if photo.time_unix_s is None:
+        return _text_of(tour.created_unix_s)
+    text = _text_of(photo.time_unix_s)
+    return text.removesuffix("Z") if photo.is_local_time else text
+
+
+def _text_of(time_unix_s: float) -> str:
     return datetime.fromtimestamp(time_unix_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -17,13 +17,13 @@ North = Literal["map", "grid", "true"]
 @dataclass(frozen=True)
 class Exporter:
     """What a format can hold. why_not: says of a photo why it cannot be written, None: it can.
-    uses_grid: writes a map in a coordinate system in its own axes.
+    uses_place: writes east, north, up where the map has a place on Earth. uses_grid: writes a map in a coordinate system in its own axes.
     """
 
     write: Callable[[Tour], Iterator[ExportedFile]]
     why_not: Callable[[PlacedPhoto], str | None] | None = None
     spheres_only: bool = True
-    uses_georeference: bool = False
+    uses_place: bool = False
     uses_grid: bool = False
 
 
@@ -34,7 +34,7 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "navvis": Exporter(viewers.write_navvis),
     "colmap": Exporter(colmap.write, colmap.why_not),
     "colmap-rig": Exporter(colmap.write_rig),
-    "opensfm": Exporter(reconstruction.write_opensfm, uses_georeference=True),
+    "opensfm": Exporter(reconstruction.write_opensfm, uses_place=True),
     "nerfstudio": Exporter(reconstruction.write_nerfstudio),
     "metashape": Exporter(reconstruction.write_metashape),
     "arcgis": Exporter(earth.write_arcgis, earth.why_not_in_arcgis, uses_grid=True),
@@ -87,9 +87,10 @@ def north_of(format_name: ExportFormat, tour: Tour) -> North:
     exporter = EXPORTERS[format_name]
     if format_name in FORMATS_ON_EARTH and not (exporter.uses_grid and earth.grid_of(tour) is not None):
         return "true"
-    if exporter.uses_georeference and tour.georeference is not None:
+    has_system = tour.georeference is None and tour.coordinate_system is not None
+    if exporter.uses_place and (has_system or tour.georeference is not None):
         return "true"
-    return "map" if tour.georeference is not None or tour.coordinate_system is None else "grid"
+    return "grid" if has_system else "map"
 
 
 def _held(exporter: Exporter, tour: Tour) -> Tour:

@@ -2,7 +2,6 @@
 
 import io
 import math
-import re
 from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
@@ -15,7 +14,6 @@ from panoloc.core.exports.floor_plan import Array, FloorPicture
 from panoloc.core.exports.tour import ExportedFile, Tour, text_file
 
 _TRANSFORMATION, _KEYS, _DOUBLES = 34264, 34735, 34736
-_EPSG = re.compile(r"(?i)epsg:(\d+)")  # of the horizontal part, if there is another
 _SHORT, _DOUBLE = 3, 12  # types of TIFF
 _USER_DEFINED, _METRE, _DEGREE, _WGS84, _TRANSVERSE_MERCATOR = 32767, 9001, 9102, 4326, 1
 
@@ -52,10 +50,9 @@ def _placed(picture: FloorPicture, tour: Tour) -> tuple[Array, list[int], list[f
         return metres, [], [], None
     system = coordinate_system(tour.coordinate_system)
     placed = metres / system.metres_per_unit
-    code = _EPSG.match(system.definition)
-    if code is None:
+    if system.epsg is None:
         return placed, [], [], tour.coordinate_system
-    return placed, _directory((1024, 0, 1), (1025, 0, 1), (3072, 0, int(code[1]))), [], None
+    return placed, _directory((1024, 0, 1), (1025, 0, 1), (3072, 0, system.epsg)), [], None
 
 
 def _mercator_about(place: Georeference) -> tuple[list[int], list[float]]:

@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.earth.geopose import turned_by
+from panoloc.core.earth.geopose import seen_from, turned_by
+from panoloc.core.exports.earth import on_earth
 from panoloc.core.exports.frames import CV_FROM_FLU, GL_FROM_FLU, cam_from_world
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, plain
 from panoloc.core.geometry.pose import Pose, quaternion_of
@@ -23,35 +24,46 @@ _POINTS = "points.ply"
 
 
 def write_opensfm(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the reconstruction. Its world is east, north, up of `reference_lla.json`, without a georeference the map.
+    """Yield the reconstruction. Its world is east, north, up of `reference_lla.json`, the map where that has no place on Earth.
 
     Poses are world to camera, axes right, down, forward; rotations are vectors in radians.
     """
-    world = np.eye(3) if tour.georeference is None else turned_by(tour.georeference.heading_deg)
+    poses, origin = _in_world(tour)
     reconstruction = {
         "cameras": {
             _opensfm_camera(photo): {"projection_type": "spherical", "width": photo.width, "height": photo.height}
             for photo in tour.photos
         },
         "shots": {
-            photo.name: _shot(photo, world, time_unix_s)
-            for photo, time_unix_s in zip(tour.photos, tour.times_unix_s, strict=True)
+            photo.name: _shot(photo, pose, time_unix_s)
+            for photo, pose, time_unix_s in zip(tour.photos, poses, tour.times_unix_s, strict=True)
         },
         "points": {},
     }
     yield json_file("reconstruction.json", [reconstruction])
-    place = tour.georeference
+    if origin is not None:
+        yield json_file("reference_lla.json", dict(zip(("latitude", "longitude", "altitude"), origin, strict=True)))
+
+
+def _in_world(tour: Tour) -> tuple[list[Pose], tuple[float, float, float] | None]:
+    """Return the poses, and the origin (latitude, longitude, height): that of the map, in a coordinate system the first photo."""
+    place, poses = tour.georeference, [photo.map_from_camera for photo in tour.photos]
     if place is not None:
-        origin = {"latitude": place.latitude_deg, "longitude": place.longitude_deg, "altitude": place.height_m}
-        yield json_file("reference_lla.json", origin)
+        axes = turned_by(place.heading_deg)
+        turned = [Pose(axes @ pose.rotation, axes @ pose.position) for pose in poses]
+        return turned, (place.latitude_deg, place.longitude_deg, place.height_m)
+    if tour.coordinate_system is None or not poses:
+        return poses, None
+    places = [found for _, found, _ in on_earth(tour)]
+    origin = places[0]
+    return [seen_from(origin, each) for each in places], (origin.latitude_deg, origin.longitude_deg, origin.height_m)
 
 
 def _opensfm_camera(photo: PlacedPhoto) -> str:
     return f"panoloc {photo.width} {photo.height} spherical"
 
 
-def _shot(photo: PlacedPhoto, world_from_map: NDArray[np.float64], time_unix_s: float) -> dict[str, Any]:
-    in_world = Pose(world_from_map @ photo.map_from_camera.rotation, world_from_map @ photo.map_from_camera.position)
+def _shot(photo: PlacedPhoto, in_world: Pose, time_unix_s: float) -> dict[str, Any]:
     pose = cam_from_world(in_world)
     return {
         "camera": _opensfm_camera(photo),

@@ -5,7 +5,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from panoloc.core.earth.geopose import earth_pose
+from panoloc.core.earth.geopose import EarthPose
+from panoloc.core.exports.earth import on_earth
 from panoloc.core.exports.tour import TIME_DECIMALS, ExportedFile, PlacedPhoto, Tour, json_file, plain, text_file
 from panoloc.core.geometry.pose import quaternion_of
 
@@ -17,7 +18,8 @@ RADIUS_PER_SIGMA = 1.872
 def write_ros(tour: Tour) -> Iterator[ExportedFile]:
     """Yield `poses.json` and `poses.yaml` (for `ros2 topic pub`), `geometry_msgs/PoseWithCovarianceStamped` per photo.
 
-    With a georeference also `geo_poses.json`, of `geographic_msgs/GeoPoseWithCovariance`. The body frame is x forward,
+    With a place on Earth also `geo_poses.json`, of `geographic_msgs/GeoPoseWithCovariance`; its altitude counts from the ellipsoid,
+    and is null where that is not known. The body frame is x forward,
     y left, z up (REP-103), not an `_optical` one. Covariances are about the map's fixed axes, in m² and rad²; zeros where
     the accuracy is not known, as ROS has it.
     """
@@ -27,8 +29,8 @@ def write_ros(tour: Tour) -> Iterator[ExportedFile]:
     # JSON is YAML too, one document per message.
     documents = (f"# {item['image']}\n{json.dumps(item['message'])}\n" for item in named)
     yield ExportedFile("poses.yaml", "---\n".join(documents).encode())
-    if tour.georeference is not None:
-        yield json_file("geo_poses.json", [_on_earth(photo, tour) for photo in tour.photos])
+    if tour.georeference is not None or tour.coordinate_system is not None:
+        yield json_file("geo_poses.json", [_on_earth(photo, place) for photo, place, _ in on_earth(tour)])
 
 
 def write_tum(tour: Tour) -> Iterator[ExportedFile]:
@@ -62,10 +64,9 @@ def _stamped(photo: PlacedPhoto, time_unix_s: float) -> dict[str, Any]:
     }
 
 
-def _on_earth(photo: PlacedPhoto, tour: Tour) -> dict[str, Any]:
-    assert tour.georeference is not None
-    found = earth_pose(tour.georeference, photo.map_from_camera)
-    place = {"latitude": found.latitude_deg, "longitude": found.longitude_deg, "altitude": found.height_m}
+def _on_earth(photo: PlacedPhoto, found: EarthPose) -> dict[str, Any]:
+    altitude = found.height_m if found.height_reference == "ellipsoid" else None
+    place = {"latitude": found.latitude_deg, "longitude": found.longitude_deg, "altitude": altitude}
     orientation = dict(zip("xyzw", quaternion_of(found.enu_from_camera).tolist(), strict=True))
     message = {"pose": {"position": place, "orientation": orientation}, "covariance": _covariance(photo)}
     return {"image": photo.name, "message": message}

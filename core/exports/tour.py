@@ -33,9 +33,9 @@ class PlacedPhoto:
 
     name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres.
     width, height: pixels. is_sphere: a full equirectangular panorama. camera_model, hfov_deg: as in an answer. time_unix_s: when it
-    was taken, None where unknown.
-    position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it was made
-    of the photo, so that an export has to hold it.
+    was taken, None where unknown; of a camera whose clock does not name its offset from UTC as if that was none, with is_local_time.
+    position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it
+    was made of the photo, so that an export has to hold it.
     """
 
     name: str
@@ -46,6 +46,7 @@ class PlacedPhoto:
     camera_model: str = "equirectangular"
     hfov_deg: float = 360.0
     time_unix_s: float | None = None
+    is_local_time: bool = False
     confidence: float = 1.0
     position_radius_m: float | None = None
     orientation_radius_deg: float | None = None
@@ -186,7 +187,7 @@ def _photo(
     with Image.open(image) as opened:
         exif = opened.getexif()
         width, height = opened.size
-        time_unix_s = _time_taken(exif.get_ifd(_EXIF_IFD))
+        time_unix_s, is_local_time = _time_taken(exif.get_ifd(_EXIF_IFD))
     if exif.get(_ORIENTATION) in _ON_ITS_SIDE:
         width, height = height, width
     is_sphere, file = camera_model == "equirectangular" and width == 2 * height, Path(image)
@@ -204,17 +205,20 @@ def _photo(
         is_sphere=is_sphere,
         camera_model=camera_model,
         time_unix_s=time_unix_s,
+        is_local_time=is_local_time,
         image=file,
         is_converted=is_converted,
         **given,
     )
 
 
-def _time_taken(exif: dict[int, Any]) -> float | None:
-    """Return when a photo was taken in Unix seconds, None where unknown. A clock without an offset counts as UTC."""
+def _time_taken(exif: dict[int, Any]) -> tuple[float | None, bool]:
+    """Return when a photo was taken in Unix seconds, None where unknown, and whether its clock names no offset and counts as UTC here."""
     text, offset, fraction = (str(exif.get(tag, "")).strip("\x00 ") for tag in (_TAKEN, _TAKEN_OFFSET, _TAKEN_FRACTION))
+    # Cameras that do not know their offset write spaces and a colon.
+    has_offset = any(letter.isdigit() for letter in offset)
     try:
-        taken = datetime.strptime(text + (offset or "+00:00"), "%Y:%m:%d %H:%M:%S%z")
-        return taken.astimezone(UTC).timestamp() + float(f"0.{fraction or 0}")
+        taken = datetime.strptime(text + (offset if has_offset else "+00:00"), "%Y:%m:%d %H:%M:%S%z")
+        return taken.astimezone(UTC).timestamp() + float(f"0.{fraction or 0}"), not has_offset
     except ValueError:
-        return None
+        return None, False

@@ -14,6 +14,7 @@ from panoloc.core.exports.frames import photo_angles
 from panoloc.core.exports.links import links_of
 from panoloc.core.exports.tour import TIME_DECIMALS, ExportedFile, PlacedPhoto, Tour, json_file, plain, text_file
 from panoloc.core.exports.web_pages import pannellum_page, potree_page, psv_page
+from panoloc.core.options import ScanOptions
 from panoloc.core.scan.reading import read_scan
 
 _POTREE_COLUMNS = ("filename", "time", "long", "lat", "alt", "course", "pitch", "roll")
@@ -127,7 +128,7 @@ def _links(tour: Tour) -> list[list[int]]:
     positions = np.array([photo.map_from_camera.position for photo in tour.photos]).reshape(-1, 3)
     if tour.scan is None:
         return links_of(positions, np.zeros((0, 3)))
-    cloud = read_scan(tour.scan)
+    cloud = read_scan(tour.scan, ScanOptions(unit="m", up_axis="z"))
     return links_of(positions, cloud.positions.astype(np.float64) + cloud.origin_offset)
 
 

@@ -6,6 +6,7 @@ Each returns `map_from_camera` by name, with axes x forward, y left, z up.
 import csv
 import json
 import re
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -223,17 +224,21 @@ def pannellum(folder: Path) -> Poses:
     return found
 
 
-def e57(folder: Path) -> Poses:
-    from pye57 import E57
+def e57_document(path: Path) -> ElementTree.Element:
+    """Return the XML of an E57 file by ASTM E2807 alone, without libE57, which writes it: pages of 1024 bytes end in a checksum of four."""
+    data = path.read_bytes()
+    physical, length, page = struct.unpack_from("<QQQ", data, 24)
+    logical = b"".join(data[begin : begin + page - 4] for begin in range(0, len(data), page))
+    begin = physical - physical // page * 4
+    return ElementTree.fromstring(logical[begin : begin + length])
 
-    file = E57(str(folder / "tour.e57"))
-    images, found = file.root["images2D"], {}
-    for number in range(len(images)):
-        pose = images[number]["pose"]
-        w, x, y, z = (pose["rotation"][name].value() for name in "wxyz")
-        position = np.array([pose["translation"][name].value() for name in "xyz"])
-        found[images[number]["name"].value()] = Pose(quaternion(x, y, z, w), position)
-    file.close()
+
+def e57(folder: Path) -> Poses:
+    found = {}
+    for image in e57_document(folder / "tour.e57").iterfind("{*}images2D/{*}vectorChild"):
+        w, x, y, z = (float(image.findtext(f"{{*}}pose/{{*}}rotation/{{*}}{name}") or 0) for name in "wxyz")
+        position = [float(image.findtext(f"{{*}}pose/{{*}}translation/{{*}}{name}") or 0) for name in "xyz"]
+        found[str(image.findtext("{*}name"))] = Pose(quaternion(x, y, z, w), np.array(position))
     return found
 
 

@@ -1,7 +1,7 @@
 """What formats hold, what they leave out, and what they refuse."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import get_args
 from xml.etree import ElementTree
@@ -14,13 +14,14 @@ from PIL import Image
 
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports.formats import EXPORTERS, export, north_of
-from panoloc.core.exports.tour import LeftOut, Tour
+from panoloc.core.exports.tour import LeftOut, Tour, read_tour
+from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import ExportFormat
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 from tests.core.exports.readers import READERS
-from tests.core.exports.tours import GOLDEN, LARGE, document_of, golden_tour, rotation_of, written
+from tests.core.exports.tours import GEOREFERENCE, GOLDEN, LARGE, document_of, golden_tour, rotation_of, written
 from tests.core.scan.e57_files import add_scan, buffers_of
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
@@ -129,6 +130,47 @@ def test_without_all_times_photos_are_numbered_in_their_order() -> None:
     assert [line.split("\t")[1] for line in table.content.decode().splitlines()] == ["time", "0", "1"]
 
 
+@pytest.mark.parametrize(
+    ("offset", "expected"),
+    [("+02:00", "2025-06-26T12:03:18.250Z"), ("   :  ", "2025-06-26T14:03:18.250"), ("", "2025-06-26T14:03:18.250")],
+)
+def test_a_clock_without_an_offset_is_not_called_universal_time(offset: str, expected: str, tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0x9003: "2025:06:26 14:03:18", 0x9291: "25"})
+    if offset:
+        exif.get_ifd(0x8769)[0x9011] = offset
+    Image.new("RGB", (64, 32)).save(tmp_path / "a.jpg", exif=exif)
+    pose = {"frame": "ros", "position_m": [1, 2, 3], "quaternion_xyzw": [0, 0, 0, 1], "camera_model": "equirectangular"}
+    document = {
+        "name": "map_1",
+        "created_unix_s": 0,
+        "coordinate_system": None,
+        "geoid_undulation_m": None,
+        "scan": None,
+        "survey": None,
+        "floor_levels_m": [],
+        "title": "Office",
+        "page": None,
+    }
+    document |= {
+        "georeference": asdict(GEOREFERENCE),
+        "left_out": [],
+        "photos": [{"name": "a.jpg", "image": str(tmp_path / "a.jpg"), **pose}],
+    }
+    (tmp_path / "tour.json").write_text(json.dumps(document))
+    tour = read_tour(tmp_path / "tour.json", tmp_path)
+    (feature,) = document_of("geojson", tour, tmp_path, "photos.geojson")["features"]
+    assert feature["properties"]["time"] == expected
+    assert expected in (written("arcgis", tour, tmp_path) / "oriented_imagery.csv").read_text().splitlines()[1].split(
+        ","
+    )
+    (item,) = document_of("stac", tour, tmp_path, "items.json")["features"]
+    times = [item["properties"].get(name) for name in ("datetime", "start_datetime", "end_datetime")]
+    interval = [None, "2025-06-26T00:03:18.250Z", "2025-06-27T02:03:18.250Z"]  # from 14 hours ahead of UTC to 12 behind
+    assert times == ([expected, None, None] if expected.endswith("Z") else interval)
+    assert pystac.Item.from_dict({**item, "stac_extensions": []}).validate()
+
+
 @pytest.mark.slow
 def test_items_of_stac_are_valid_by_the_schema_of_stac_itself(tmp_path: Path) -> None:
     (item,) = document_of("stac", golden_tour(), tmp_path, "items.json")["features"]
@@ -165,6 +207,45 @@ def test_the_points_of_the_map_go_with_photos_that_stand_in_them(offset: np.ndar
     folder = written("nerfstudio", tour, tmp_path / "nerfstudio")
     named = json.loads((folder / "transforms.json").read_text())["ply_file_path"]
     assert (folder / named).read_bytes() == (tmp_path / "points.ply").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["potree", "psv", "pannellum"])
+def test_a_tour_for_the_web_has_its_photos_and_a_page(name: ExportFormat, tmp_path: Path) -> None:
+    tour = golden_tour(tmp_path)
+    photos = tuple(replace(tour.photos[0], name=each) for each in ("pano.jpg", "hall/50% #2.jpg"))
+    folder = written(name, replace(tour, name="</title>", photos=photos), tmp_path / name)
+    for photo in photos:
+        assert (folder / photo.name).read_bytes() == (tmp_path / "pano.jpg").read_bytes()
+    page = (folder / "index.html").read_text()
+    assert page.count("</title>") == 1
+    assert "http.server" in page
+
+
+def test_links_of_a_tour_follow_the_scan_and_point_at_the_other_photo(tmp_path: Path) -> None:
+    """Three photos two metres apart along y; a wall stands between the second and the third, and one link leads through."""
+    tour = golden_tour(tmp_path)
+    photos = tuple(
+        replace(
+            tour.photos[0], name=f"{number}.jpg", map_from_camera=Pose(GOLDEN.rotation, LARGE + np.array([0, y, z]))
+        )
+        for number, (y, z) in enumerate([(0, 0), (2, 0), (6, 1), (7, 0)])
+    )
+    x, z = np.mgrid[-3:3:0.04, -3:3:0.04].reshape(2, -1)
+    wall = np.stack([x, np.full_like(x, 4), z], axis=1).astype(np.float32)
+    write_ply(tmp_path / "points.ply", PointCloud(wall, np.full(wall.shape, 99, np.uint8), LARGE))
+    tour = replace(tour, photos=photos, scan=tmp_path / "points.ply")
+    nodes = document_of("psv", tour, tmp_path / "psv", "tour.json")["virtualTour"]["nodes"]
+    assert [[int(link["nodeId"]) for link in node["links"]] for node in nodes] == [[1], [0, 2], [3, 1], [2]]
+    assert nodes[1]["links"][0]["position"] == {"yaw": "180deg", "pitch": "0deg"}
+    assert float(nodes[2]["links"][0]["position"]["pitch"].removesuffix("deg")) == pytest.approx(-45)
+    scenes = document_of("pannellum", tour, tmp_path / "pannellum", "pannellum.json")["scenes"]
+    assert [[spot["sceneId"] for spot in scene["hotSpots"]] for scene in scenes.values()] == [
+        [f"{other}.jpg" for other in linked] for linked in ([1], [0, 2], [3, 1], [2])
+    ]
+    for scene in scenes.values():
+        assert all(-180 <= spot["yaw"] <= 180 for spot in scene["hotSpots"])
+    spot = scenes["0.jpg"]["hotSpots"][0]
+    assert (spot["yaw"] + scenes["0.jpg"]["northOffset"]) % 360 == pytest.approx(0)
 
 
 def read_raw(path: Path) -> list[dict[str, np.ndarray]]:

@@ -104,10 +104,13 @@ def opened(chromium: Browser, name: ExportFormat, tour: Tour, folder: Path) -> I
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("console", lambda said: complaints.append(said.text) if "nknown option" in said.text else None)
         page.goto("http://tour.test/")
-        page.locator("#photos").wait_for()
-        assert page.locator("#photos option").all_inner_texts() == [photo.name for photo in tour.photos]
         yield page
     assert [said for said in complaints if "favicon" not in said] == []
+
+
+def has_all_photos(page: Page, tour: Tour) -> bool:
+    page.locator("#photos").wait_for()
+    return page.locator("#photos option").all_inner_texts() == [photo.name for photo in tour.photos]
 
 
 def expected_and_links(tour: Tour, number: int, linked: list[int]) -> np.ndarray:
@@ -150,6 +153,7 @@ def test_photo_sphere_viewer_shows_directions_and_links_where_they_are(
     chromium: Browser, tour: Tour, tmp_path: Path
 ) -> None:
     with opened(chromium, "psv", tour, tmp_path) as page:
+        assert has_all_photos(page, tour)
         nodes = json.loads((tmp_path / "tour.json").read_text())["virtualTour"]["nodes"]
         for number, node in enumerate(nodes):
             linked = [int(link["nodeId"]) for link in node["links"]]
@@ -183,6 +187,7 @@ LOOK_WITH_PANNELLUM = """async ([scene, views]) => {
 
 def test_pannellum_shows_directions_and_links_where_they_are(chromium: Browser, tour: Tour, tmp_path: Path) -> None:
     with opened(chromium, "pannellum", tour, tmp_path) as page:
+        assert has_all_photos(page, tour)
         scenes = json.loads((tmp_path / "pannellum.json").read_text())["scenes"]
         for number, (name, scene) in enumerate(scenes.items()):
             linked = [list(scenes).index(spot["sceneId"]) for spot in scene["hotSpots"]]
@@ -191,6 +196,32 @@ def test_pannellum_shows_directions_and_links_where_they_are(chromium: Browser, 
                 [spot["yaw"] + scene["northOffset"], spot["pitch"]] for spot in scene["hotSpots"]
             ]
             assert worst_deg(page.evaluate(LOOK_WITH_PANNELLUM, [name, views]), wanted) < LIMIT_DEG, name
+
+
+POTREE = """window.Potree = {
+  Viewer: function () {
+    const view = { setView: (...places) => { window.view = places; } };
+    Object.assign(this, { setPointBudget() {}, loadGUI() {}, scene: { add360Images: (all) => { window.shown = all; }, view } });
+  },
+  loadPointCloud: (path) => { window.cloud = path; },
+  Images360Loader: {
+    load: async (folder) => ({ images: [{ position: [1, 2, 3] }], text: await (await fetch(`${folder}/coordinates.txt`)).text() }),
+  },
+};"""
+
+
+def test_the_page_of_potree_loads_the_photos_and_the_cloud_that_lie_beside_it(
+    chromium: Browser, tour: Tour, tmp_path: Path
+) -> None:
+    """With what Potree offers to pages, because no registry has Potree 1.8."""
+    page_text = written("potree", tour, tmp_path).joinpath("index.html").read_text()
+    for path in [*re.findall(r'(?:src|href)="../../([^"]+)"', page_text), "pointcloud/metadata.json"]:
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(POTREE if path == "build/potree/potree.js" else "")
+    with opened(chromium, "potree", tour, tmp_path) as page:
+        page.wait_for_function("window.view")
+        assert page.evaluate("shown.text") == (tmp_path / "coordinates.txt").read_text()
+        assert page.evaluate("[cloud, view[1]]") == ["pointcloud/metadata.json", [1, 2, 3]]
 
 
 def test_files_of_the_mirror_are_those_of_the_packages() -> None:
