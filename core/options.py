@@ -23,6 +23,7 @@ ColorKind = Literal["rgb", "labels"]
 StartsMethod = Literal["octree", "grid"]
 ExportFormat = Literal[
     "tour",
+    "plan",
     "potree",
     "navvis",
     "colmap",

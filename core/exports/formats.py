@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from panoloc.core.errors import ExportRefusedError
-from panoloc.core.exports import colmap, e57, earth, gpano, reconstruction, robots, viewers, walk, web_tours
+from panoloc.core.exports import colmap, e57, earth, gpano, plan, reconstruction, robots, viewers, walk, web_tours
 from panoloc.core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.core.scan.file_names import display_name
@@ -29,6 +29,7 @@ class Exporter:
 
 EXPORTERS: dict[ExportFormat, Exporter] = {
     "tour": Exporter(walk.write, walk.why_not, spheres_only=False),
+    "plan": Exporter(plan.write, spheres_only=False),
     "potree": Exporter(web_tours.write_potree),
     "navvis": Exporter(viewers.write_navvis),
     "colmap": Exporter(colmap.write, colmap.why_not),

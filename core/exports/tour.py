@@ -34,8 +34,8 @@ class PlacedPhoto:
     name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres.
     width, height: pixels. is_sphere: a full equirectangular panorama. camera_model, hfov_deg: as in an answer. time_unix_s: when it
     was taken, None where unknown; of a camera whose clock does not name its offset from UTC as if that was none, with is_local_time.
-    position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it was made
-    of the photo, so that an export has to hold it.
+    position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it
+    was made of the photo, so that an export has to hold it.
     """
 
     name: str

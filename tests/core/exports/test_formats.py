@@ -148,6 +148,9 @@ def test_a_clock_without_an_offset_is_not_called_universal_time(offset: str, exp
         "geoid_undulation_m": None,
         "scan": None,
         "survey": None,
+        "floor_levels_m": [],
+        "title": "Office",
+        "page": None,
     }
     document |= {
         "georeference": asdict(GEOREFERENCE),
