@@ -85,6 +85,7 @@ def test_what_no_line_of_sight_reaches_is_joined_by_the_shortest_link() -> None:
 
 def test_without_points_the_nearest_photos_are_linked() -> None:
     assert links_of(photos((0, 0), (2, 0), (4, 0)), np.zeros((0, 3))) == [[1], [0, 2], [1]]
+    assert links_of(photos((0, 0), (5e6, 0), (5e6, 2)), rooms()) == [[1], [2, 0], [1]]
     assert links_of(np.zeros((0, 3)), np.zeros((0, 3))) == []
     assert links_of(photos((0, 0)), rooms()) == [[]]
     assert links_of(photos((0, 0), (0, 0)), rooms()) == [[1], [0]]
