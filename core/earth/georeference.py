@@ -43,8 +43,9 @@ class EarthPlace:
 class CoordinateSystem:
     """A projected coordinate system.
 
+    epsg: code of its horizontal part, None without one.
     definition: "EPSG:25832" where it has a code, else WKT. name: for people. heights: what they are above.
-    metres_per_unit: of its coordinates. epsg: code of its horizontal part, None without one.
+    metres_per_unit: of its coordinates.
     """
 
     def __init__(self, text: str):
