@@ -73,6 +73,14 @@ def grid_pose(system: str, geoid_undulation_m: float | None, map_from_camera: Po
     return EarthPose(found.latitude_deg, found.longitude_deg, found.height_m, turned, found.height_reference)
 
 
+def seen_from(origin: EarthPose, camera: EarthPose) -> Pose:
+    """Return the pose of a camera in east, north, up at an origin whose height counts from the same reference."""
+    axes = ecef_from_enu(origin.latitude_deg, origin.longitude_deg)
+    there, here = (np.array(ecef_of(at.latitude_deg, at.longitude_deg, at.height_m)) for at in (camera, origin))
+    turn = axes.T @ ecef_from_enu(camera.latitude_deg, camera.longitude_deg)
+    return Pose(turn @ camera.enu_from_camera, axes.T @ (there - here))
+
+
 def turned_by(heading_deg: float) -> Matrix:
     """Return the rotation (3, 3) to east, north, up from axes with z up whose y axis has this compass heading."""
     heading = math.radians(heading_deg)
@@ -86,23 +94,15 @@ def earth_pose(georeference: Georeference, map_from_camera: Pose) -> EarthPose:
     East, north and up are those at the camera, not at the map's origin.
     """
     place, axes = georeference, turned_by(georeference.heading_deg)
-    at_origin = _ecef_from_enu(place.latitude_deg, place.longitude_deg)
+    at_origin = ecef_from_enu(place.latitude_deg, place.longitude_deg)
     origin = np.array(ecef_of(place.latitude_deg, place.longitude_deg, place.height_m))
     x, y, z = (origin + at_origin @ axes @ map_from_camera.position).tolist()
     latitude, longitude, height = geodetic_of((x, y, z))
-    turn = _ecef_from_enu(latitude, longitude).T @ at_origin
+    turn = ecef_from_enu(latitude, longitude).T @ at_origin
     return EarthPose(latitude, longitude, height, turn @ axes @ map_from_camera.rotation)
 
 
-def seen_from(origin: EarthPose, camera: EarthPose) -> Pose:
-    """Return the pose of a camera in east, north, up at an origin whose height counts from the same reference."""
-    axes = _ecef_from_enu(origin.latitude_deg, origin.longitude_deg)
-    there, here = (np.array(ecef_of(at.latitude_deg, at.longitude_deg, at.height_m)) for at in (camera, origin))
-    turn = axes.T @ _ecef_from_enu(camera.latitude_deg, camera.longitude_deg)
-    return Pose(turn @ camera.enu_from_camera, axes.T @ (there - here))
-
-
-def _ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Matrix:
+def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Matrix:
     """Return the rotation (3, 3) whose columns are east, north and up at a place."""
     latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)
     s, c, sl, cl = math.sin(latitude), math.cos(latitude), math.sin(longitude), math.cos(longitude)
