@@ -73,6 +73,14 @@ def grid_pose(system: str, geoid_undulation_m: float | None, map_from_camera: Po
     return EarthPose(found.latitude_deg, found.longitude_deg, found.height_m, turned, found.height_reference)
 
 
+def seen_from(origin: EarthPose, camera: EarthPose) -> Pose:
+    """Return the pose of a camera in east, north, up at an origin whose height counts from the same reference."""
+    axes = ecef_from_enu(origin.latitude_deg, origin.longitude_deg)
+    there, here = (np.array(ecef_of(at.latitude_deg, at.longitude_deg, at.height_m)) for at in (camera, origin))
+    turn = axes.T @ ecef_from_enu(camera.latitude_deg, camera.longitude_deg)
+    return Pose(turn @ camera.enu_from_camera, axes.T @ (there - here))
+
+
 def turned_by(heading_deg: float) -> Matrix:
     """Return the rotation (3, 3) to east, north, up from axes with z up whose y axis has this compass heading."""
     heading = math.radians(heading_deg)
@@ -92,14 +100,6 @@ def earth_pose(georeference: Georeference, map_from_camera: Pose) -> EarthPose:
     latitude, longitude, height = geodetic_of((x, y, z))
     turn = ecef_from_enu(latitude, longitude).T @ at_origin
     return EarthPose(latitude, longitude, height, turn @ axes @ map_from_camera.rotation)
-
-
-def seen_from(origin: EarthPose, camera: EarthPose) -> Pose:
-    """Return the pose of a camera in east, north, up at an origin whose height counts from the same reference."""
-    axes = ecef_from_enu(origin.latitude_deg, origin.longitude_deg)
-    there, here = (np.array(ecef_of(at.latitude_deg, at.longitude_deg, at.height_m)) for at in (camera, origin))
-    turn = axes.T @ ecef_from_enu(camera.latitude_deg, camera.longitude_deg)
-    return Pose(turn @ camera.enu_from_camera, axes.T @ (there - here))
 
 
 def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Matrix:

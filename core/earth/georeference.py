@@ -44,8 +44,8 @@ class CoordinateSystem:
     """A projected coordinate system.
 
     definition: "EPSG:25832" where it has a code, else WKT. name: for people. heights: what they are above.
-    metres_per_unit: of its coordinates. height_metres_per_unit: of its heights; None where it has none. epsg: code of its horizontal
-    part, None without one.
+    metres_per_unit: of its coordinates. height_metres_per_unit: of its heights; None where it has none.
+    epsg: code of its horizontal part, None without one.
     """
 
     def __init__(self, text: str):

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 Positions = NDArray[np.float64]
 
 _CANDIDATES = 32  # nearest photos of which each is asked whether it is seen
+_FARTHEST_M = 100.0  # that a photo is looked for: rays are as long as that at most
 _FINEST_CELL_M, _COARSEST_CELL_M = 0.06, 0.3
 _POINTS_PER_CELL = 4.0  # so that a wall of random points has a hole in one of fifty cells
 _BESIDE_M = 0.12  # of the rays beside the middle one: a lamp or a door frame stops few of nine, a wall most
@@ -16,10 +17,10 @@ def links_of(positions: Positions, points: Positions) -> list[list[int]]:
     """Return for each photo the numbers of the photos it links to, nearest first; links go both ways.
 
     positions: (n, 3) of the photos, points: (m, 3) of the scan, both in metres in one frame. Two photos are linked that see each other
-    past the points, unless a third lies between them: one that both see and that is nearer to both than they are to each
+    past the points within 100 m, unless a third lies between them: one that both see and that is nearer to both than they are to each
     other (relative neighbourhood graph; Toussaint 1980). So links lie at least 60 degrees apart where all see each other. Where no line of
     sight joins two parts of a tour, as through a closed door, the shortest link does, so that every photo can be reached.
-    Without points every photo sees every other.
+    Without points all within 100 m see each other.
     """
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=2)
     seen = _seen(positions, distance, points)
@@ -37,7 +38,7 @@ def _seen(positions: Positions, distance: NDArray[np.float64], points: Positions
     """Return (n, n): which photos see each other, among the nearest of each."""
     near = np.zeros(distance.shape, np.bool_)
     np.put_along_axis(near, np.argsort(distance, axis=1)[:, : _CANDIDATES + 1], True, axis=1)
-    pairs = np.argwhere(np.triu(near | near.T, 1))
+    pairs = np.argwhere(np.triu((near | near.T) & (distance < _FARTHEST_M), 1))
     seen = np.zeros_like(near)
     if len(pairs):
         first, second = pairs.T

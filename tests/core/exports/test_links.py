@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from panoloc.core.exports.links import links_of
+from panoloc.lab.rooms.capture.free_space import free_position
+from panoloc.lab.rooms.capture.scanning import scan_scene
+from panoloc.lab.rooms.scenes.generator import SceneSpec, build_scene
 
 HEIGHT_M = 2.6
 LARGE = np.array([431_250.25, 5_312_480.5, 412.75])
@@ -82,6 +85,7 @@ def test_what_no_line_of_sight_reaches_is_joined_by_the_shortest_link() -> None:
 
 def test_without_points_the_nearest_photos_are_linked() -> None:
     assert links_of(photos((0, 0), (2, 0), (4, 0)), np.zeros((0, 3))) == [[1], [0, 2], [1]]
+    assert links_of(photos((0, 0), (5e6, 0), (5e6, 2)), rooms()) == [[1], [2, 0], [1]]
     assert links_of(np.zeros((0, 3)), np.zeros((0, 3))) == []
     assert links_of(photos((0, 0)), rooms()) == [[]]
     assert links_of(photos((0, 0), (0, 0)), rooms()) == [[1], [0]]
@@ -95,3 +99,29 @@ def test_a_thinned_scan_of_a_large_building_still_has_walls_and_doors() -> None:
     found = links_of(places, points[thin])
     assert 5 not in found[4]
     assert 2 in found[1]
+
+
+@pytest.mark.slow
+def test_no_link_of_a_furnished_flat_leads_through_its_walls_where_another_way_is_seen() -> None:
+    """The flat itself says which photos see each other; its scan is noisy and has holes behind furniture."""
+    scene, random = build_scene(SceneSpec("flat", 7102)), np.random.default_rng(7102)
+    places = np.array([free_position(scene, random) for _ in range(16)])
+    cloud = scan_scene(scene, seed=7102)
+    found = links_of(places, cloud.positions.astype(np.float64))
+    links = [(one, other) for one, linked in enumerate(found) for other in linked if one < other]
+    pairs = np.array(links)
+    blocked = scene.surface.blocked(places[pairs[:, 0]], places[pairs[:, 1]])
+    # Without a link through a wall, or between two parts that see nothing of each other, the tour would fall apart.
+    for pair in pairs[blocked].tolist():
+        rest = [other for other in links if list(other) != pair]
+        assert len(reached(rest)) < len(places), pair
+    assert blocked.sum() <= len(pairs) / 4
+
+
+def reached(links: list[tuple[int, int]]) -> set[int]:
+    found, grown = {0}, True
+    while grown:
+        more = {end for link in links for end in link if found & set(link)}
+        grown = not more <= found
+        found |= more
+    return found
