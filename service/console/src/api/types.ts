@@ -23,6 +23,10 @@ export interface Floor {
 }
 export type MapStats = Schemas["MapStats"] & { floors?: Floor[] | null };
 export type Coordinates = Schemas["Coordinates"];
+export type HandPlacement = Schemas["HandPlacement"];
+export type PlacedPose = Schemas["PlacedPose"];
+export type ControlReport = Schemas["ControlReport"];
+export type ControlPoint = Schemas["CheckedPoint"];
 export type Diagnostic = Schemas["Diagnostic"];
 
 export type Vector3 = [number, number, number];
