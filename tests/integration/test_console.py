@@ -1,6 +1,7 @@
 """What people do in the console, in a browser: from a dropped scan to standing where a photo was taken, and what changed since."""
 
 import json
+import math
 import re
 import struct
 import subprocess
@@ -17,6 +18,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, Page, Route, expect
 
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.lens import project_to_image
+from tests.core.found_pose import known
 from tests.integration.console_page import (
     WAIT_MS,
     best_shift,
@@ -30,7 +34,7 @@ from tests.integration.console_page import (
     wait_until_still,
 )
 from tests.integration.known_points import known_points, seen_from, seen_from_above
-from tests.integration.running_service import RunningService
+from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import (
     OPTIONS,
     dense_scan,
@@ -43,6 +47,7 @@ from tests.integration.small_room import (
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
 
 HOSTILE = "<img src=x onerror=alert(1)>"
+_PANORAMA = Camera("equirectangular", 512, 256, 256 / math.pi, 256 / math.pi, 256, 128)
 STAND_HERE, STEP_OUT = "Stand here", "Step out"
 
 
@@ -257,6 +262,118 @@ def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     page.get_by_role("button", name="Delete this batch…").click()
     page.get_by_role("button", name="Delete", exact=True).click()
     expect(page.get_by_role("heading", name="Batches", exact=True)).to_be_visible()
+
+
+@pytest.fixture
+def lost_batch(service: RunningService, room_id: str, panorama: Path) -> str:
+    """Return a batch whose photo is not found, because a wrong heading was said of it."""
+    heading = math.degrees(small_room().pose.yaw_pitch_roll[0]) % 360 - 180
+    options = json.dumps({"hints": {"heading_deg": heading, "heading_tolerance_deg": 15}})
+    files = [("image", ("lost.jpg", panorama.read_bytes()))]
+    batch_id = service.http.post("/batches", files=files, data={"map_id": room_id, "options": options}).json()["id"]
+    assert eventually(lambda: service.http.get(f"/batches/{batch_id}").json()["status"] == "done", 60)
+    assert service.http.get(f"/batches/{batch_id}").json()["counts"]["not_localized"] == 1
+    return str(batch_id)
+
+
+@pytest.fixture
+def wide(service: RunningService, chromium: Browser) -> Iterator[Page]:
+    with page_of(chromium, str(service.http.base_url), viewport={"width": 1440, "height": 800}) as opened:
+        yield opened
+
+
+def test_a_lost_photo_is_placed_by_points_clicked_in_photo_and_scan(
+    wide: Page, service: RunningService, room_id: str, lost_batch: str
+) -> None:
+    wide.goto(f"{service.http.base_url}/#/batches/{lost_batch}")
+    wide.get_by_role("link", name="Place by hand").click()
+    wait_until_drawn(wide, _num_stored_points(service, room_id))
+    said = wide.get_by_role("region", name="Where it is").get_by_role("status")
+    photo, solve = wide.get_by_role("application", name="lost.jpg"), wide.get_by_role("button", name="Solve and refine")
+    for number, (right, down) in enumerate([(0.35, 0.4), (0.65, 0.42), (0.5, 0.6), (0.4, 0.7)], 1):
+        scan = known(wide.locator("canvas[data-scene]").bounding_box())
+        wide.mouse.click(scan["x"] + right * scan["width"], scan["y"] + down * scan["height"])
+        expect(said).to_contain_text(f"Now click point {number}, at")
+        at = np.array([float(value) for value in re.findall(r"(-?\d+\.\d{3})", str(said.text_content()))])
+        u, v, _ = project_to_image(_PANORAMA, (at - small_room().pose.position) @ small_room().pose.rotation)
+        shown = known(photo.locator("img").bounding_box())
+        photo.locator("img").click(
+            position={"x": float(u) / 512 * shown["width"], "y": float(v) / 256 * shown["height"]}
+        )
+        expect(said).to_contain_text(f"point {number + 1}")
+    solve.click()
+    expect(wide.get_by_role("radio", name="Refined")).to_be_checked()
+    assert serious_faults(wide) == []
+    wide.get_by_role("button", name="Confirm this place").click()
+    expect(wide.get_by_role("region", name="Placed photos")).to_contain_text("lost.jpg")
+    (item,) = service.http.get(f"/batches/{lost_batch}").json()["items"]
+    assert (item["status"], item["answer"]["placed_by"]) == ("localized", "hand")
+    assert small_room().error_of(item["answer"]).within(0.05, 1.0)
+
+
+def test_a_lost_photo_is_dragged_to_its_place_and_that_can_be_undone(
+    wide: Page, service: RunningService, room_id: str, lost_batch: str
+) -> None:
+    wide.goto(f"{service.http.base_url}/#/batches/{lost_batch}/place/0")
+    wide.get_by_role("button", name="Drag on the plan").click()
+    plan = wide.get_by_role("application", name="Plan of")
+    box, bounds = known(plan.bounding_box()), service.http.get(f"/maps/{room_id}").json()["stats"]["bounds"]
+    margin = 0.03 * max(high - low for low, high in zip(bounds["min"][:2], bounds["max"][:2], strict=True))
+    left, top = bounds["min"][0] - margin, bounds["max"][1] + margin
+    per_metre = box["width"] / (bounds["max"][0] - bounds["min"][0] + 2 * margin)
+    x, y, z = small_room().pose.position
+    wide.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    wide.mouse.down()
+    wide.mouse.move(box["x"] + (x + 0.3 - left) * per_metre, box["y"] + (top - y + 0.2) * per_metre, steps=3)
+    wide.mouse.up()
+    yaw, pitch, roll = (round(math.degrees(angle)) for angle in small_room().pose.yaw_pitch_roll)
+    for name, degrees in (("Looks to", yaw + 10), ("Looks up", 4 - pitch), ("Right side down", roll - 4)):
+        wide.get_by_label(name).fill(str(degrees))
+    wide.get_by_label("Height, m").fill(f"{z + 0.15:.2f}")
+    wide.get_by_role("button", name="Refine").click()
+    expect(wide.get_by_role("radio", name="Refined")).to_be_checked()
+    assert serious_faults(wide) == []
+    wide.get_by_role("button", name="Confirm this place").click()
+    wide.get_by_role("region", name="Placed photos").get_by_role("button", name="lost.jpg").last.click()
+    expect(wide.get_by_text("lost.jpg was placed by hand.")).to_be_visible()
+    (item,) = service.http.get(f"/batches/{lost_batch}").json()["items"]
+    assert small_room().error_of(item["answer"]).within(0.05, 1.0)
+    wide.get_by_role("link", name="Change or undo").click()
+    wide.get_by_role("button", name="Undo").click()
+    expect(wide.get_by_text("The answer of the search is back.")).to_be_visible()
+    assert service.http.get(f"/batches/{lost_batch}").json()["counts"]["not_localized"] == 1
+
+
+def test_control_points_are_loaded_clicked_and_give_the_map_its_place(
+    wide: Page, service: RunningService, room_id: str, tmp_path: Path
+) -> None:
+    bounds = service.http.get(f"/maps/{room_id}").json()["stats"]["bounds"]
+    (x0, y0, z0), (x1, y1, z1) = bounds["min"], bounds["max"]
+    rows = ["name,x,y,z,map_x,map_y,map_z", "P5,691001,5334000,521,,,"]
+    for number, (x, y, z) in enumerate([(x0, y0, z0), (x1, y0, z0), (x1, y1, z1), (x0, y1, z1)], 1):
+        rows.append(f"P{number},{691000 + x:.4f},{5334000 + y:.4f},{520 + z + 0.004 * (-1) ** number:.4f},{x},{y},{z}")
+    (points := tmp_path / "points.csv").write_text("\n".join(rows))
+    wide.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    wide.get_by_role("button", name="About").click()
+    wide.get_by_role("link", name="Control points").click()
+    wide.get_by_label("Coordinate system").fill("EPSG:25832")
+    wide.get_by_label("Geoid above ellipsoid, m").fill("46.2")
+    wide.get_by_label("CSV with control points").set_input_files(points)
+    expect(wide.get_by_role("region", name="Points", exact=True)).to_contain_text("up 4.0, 3D 4.")
+    expect(wide.get_by_role("row", name="P5")).to_contain_text("–")
+    wait_until_drawn(wide, _num_stored_points(service, room_id))
+    scan = known(wide.locator("canvas[data-scene]").bounding_box())
+    wide.mouse.click(scan["x"] + 0.5 * scan["width"], scan["y"] + 0.55 * scan["height"])
+    expect(wide.get_by_text("No fit: expected")).to_be_visible()  # it was another point of the room
+    wide.get_by_role("button", name="Remove P5").click()
+    expect(wide.get_by_role("row", name="P5")).to_have_count(0)
+    assert serious_faults(wide) == []
+    wide.get_by_role("button", name="Use as georeference").click()
+    expect(wide.get_by_text("As the map stands")).to_be_visible()
+    place = service.http.get(f"/maps/{room_id}").json()["georeference"]
+    assert place["latitude_deg"] == pytest.approx(48.1306, abs=1e-3)
+    assert place["height_m"] == pytest.approx(566.2, abs=0.01)
+    service.http.patch(f"/maps/{room_id}", json={"georeference": None})
 
 
 def test_the_demo_room_takes_one_click_can_be_renamed_and_is_deleted_only_when_asked_twice(

@@ -29,7 +29,7 @@ export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T>
   return (await request(path, { signal: signal ?? null })).json() as Promise<T>;
 }
 
-export async function sendJson<T>(method: "PATCH" | "POST", path: string, body: unknown): Promise<T> {
+export async function sendJson<T>(method: "PATCH" | "POST" | "PUT", path: string, body: unknown): Promise<T> {
   const init = { method, body: JSON.stringify(body), headers: { "Content-Type": "application/json" } };
   return (await request(path, init)).json() as Promise<T>;
 }

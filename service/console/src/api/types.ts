@@ -18,6 +18,10 @@ export type MapChanges = Schemas["MapChanges"];
 export type MapLink = Schemas["MapLink"];
 export type MapStats = Schemas["MapStats"];
 export type Coordinates = Schemas["Coordinates"];
+export type HandPlacement = Schemas["HandPlacement"];
+export type PlacedPose = Schemas["PlacedPose"];
+export type ControlReport = Schemas["ControlReport"];
+export type ControlPoint = Schemas["CheckedPoint"];
 export type Diagnostic = Schemas["Diagnostic"];
 
 export type Vector3 = [number, number, number];
