@@ -24,7 +24,7 @@ def test_damaged_scans_images_and_requests_break_nothing() -> None:
 
 @pytest.mark.slow
 def test_no_scan_with_mixed_up_units_or_axes_is_silently_wrong() -> None:
-    command = [sys.executable, "-m", "tests.campaign", "intake", "--intake-scans", "4", "--seed", "92"]
+    command = [sys.executable, "-m", "tests.campaign", "intake", "--intake-scans", "5", "--seed", "92"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=280)
     assert done.returncode == 0, done.stdout + done.stderr[-3000:]
     assert "silently wrong 0 | 0 |" in done.stdout
