@@ -27,6 +27,14 @@ def test_damaged_scans_images_and_requests_break_nothing() -> None:
 
 
 @pytest.mark.slow
+def test_no_scan_with_mixed_up_units_or_axes_is_silently_wrong() -> None:
+    command = [sys.executable, "-m", "tests.campaign", "intake", "--intake-scans", "5", "--seed", "92"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=280)
+    assert done.returncode == 0, done.stdout + done.stderr[-3000:]
+    assert "silently wrong 0 | 0 |" in done.stdout
+
+
+@pytest.mark.slow
 def test_impatient_callers_keep_their_connections_and_newcomers_bring_their_own() -> None:
     refusal = b"HTTP/1.1 429 Too Many Requests\r\nContent-Length: 2\r\n\r\n{}"
     connections = 0

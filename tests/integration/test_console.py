@@ -8,6 +8,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from playwright.sync_api import Browser, Page, Route, expect
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.lab.rooms import SceneSpec, build_scene, scan_scene
 from tests.core.found_pose import known
 from tests.integration.console_page import (
     WAIT_MS,
@@ -641,3 +644,32 @@ def _num_stored_points(service: RunningService, map_id: str) -> int:
     header, _, body = points.partition(b"end_header\n")
     assert b"property float x" in header
     return len(body) // struct.calcsize("<fffBBB")
+
+
+def test_a_scan_that_lies_on_its_side_in_feet_is_asked_about_and_two_clicks_mend_it(
+    page: Page, service: RunningService, tmp_path: Path
+) -> None:
+    room = scan_scene(build_scene(SceneSpec("bare", 207)), num_points=40_000, seed=207)
+    turned = room.positions[:, [0, 2, 1]].astype(np.float64) * [1, 1, -1] / 0.3048  # y up, as models have it
+    scan = tmp_path / "on its side.ply"
+    scan.write_bytes(encode_ply(replace(room, positions=turned.astype(np.float32))))
+    page.get_by_label("Choose scans to upload").set_input_files(scan)
+    card = page.get_by_role("link", name=scan.name)
+    expect(card).to_contain_text("points")
+    map_id = str(card.get_attribute("href")).rpartition("/")[2]
+    card.click()
+    reading = page.get_by_label("How the scan was read")
+    expect(reading).to_contain_text("Which axis of the scan points up?")
+    expect(reading.get_by_role("img", name="A person of 1.75 m in a storey of 8.4").first).to_be_visible()
+    assert serious_faults(page) == []
+    reading.get_by_role("button", name=re.compile(r"(?<!-)y up")).click()
+    expect(reading).not_to_contain_text("Which axis")
+    expect(reading).to_contain_text("y up (as given)")
+    reading.get_by_role("button", name="all in feet").click()
+    expect(reading.get_by_role("button")).to_have_count(0)
+    page.get_by_role("button", name="About").click()
+    expect(reading).to_contain_text("Read in feet (as given)")
+    found = service.http.get(f"/maps/{map_id}").json()
+    assert (found["status"], found["serving_revision"]) == ("ready", 3)
+    corners = [found["stats"]["bounds"][end] for end in ("min", "max")]
+    np.testing.assert_allclose(np.subtract(corners[1], corners[0]), np.ptp(room.positions, axis=0), atol=0.03)
