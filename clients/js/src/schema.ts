@@ -476,7 +476,7 @@ export interface components {
         };
         /**
          * MapChanges
-         * @description Changes since the scan, from the answers of the last `lifetime_s` seconds.
+         * @description Changes since the scan, from the answers of the last `lifetime_s` seconds, or of the period that was asked for.
          */
         MapChanges: {
             /** Map Id */
@@ -501,6 +501,16 @@ export interface components {
              * @description Newest first.
              */
             answers: components["schemas"]["AnswerWithChange"][];
+            /**
+             * Num Photos
+             * @description Small photos that are kept, in which objects are looked for: of batches, and of other queries where the operator keeps images.
+             */
+            num_photos: number;
+            /**
+             * Objects
+             * @description The surest first. Empty without kept photos.
+             */
+            objects: components["schemas"]["ObjectChange"][];
             /**
              * Cells
              * @description Cells, those with the most changes first.
@@ -596,6 +606,77 @@ export interface components {
              * @description Of the scan's coordinates, if its file names one.
              */
             coordinate_system?: string | null;
+        };
+        /**
+         * ObjectChange
+         * @description An object that came, went or moved. Positions are in the map's own frame, in metres.
+         */
+        ObjectChange: {
+            /**
+             * Id
+             * @description 12 hex digits, made of kind and place.
+             */
+            id: string;
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "came" | "went" | "moved";
+            /**
+             * Center M
+             * @description Middle of its box; of what went, where it was.
+             */
+            center_m: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Size M
+             * @description Edges of its box along the map's axes.
+             */
+            size_m: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * From M
+             * @description Where it was before; null unless it moved.
+             */
+            from_m: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Floor
+             * @description Floor that it stands on, 0 for the lowest of `stats.floors`; null if none is known.
+             */
+            floor: number | null;
+            /**
+             * Certainty
+             * @description How probable it is that this object changed. More photos and stronger contrast make it surer.
+             */
+            certainty: number;
+            /**
+             * Num Photos
+             * @description Photos that saw the change. With one, its place is a guess along the line of sight.
+             */
+            num_photos: number;
+            /**
+             * Seen From M
+             * @description Position of the photo that shows it best.
+             */
+            seen_from_m: [
+                number,
+                number,
+                number
+            ] | null;
+            /** First Seen At */
+            first_seen_at: string | null;
+            /** Last Seen At */
+            last_seen_at: string | null;
         };
         /**
          * OpenFlameAnswer
