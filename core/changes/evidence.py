@@ -62,7 +62,7 @@ def color_distance(difference: Tensor) -> Tensor:
 
 
 def _without_gaps(depth: Tensor) -> Tensor:
-    """Return depths (H, 2H) in which gaps of one or two pixels, which the renderer filled with colour alone, have the least depth around."""
+    """Return depths (H, 2H) in which gaps of one or two pixels, which rendering filled with colour alone, have the least depth around."""
     for _ in range(2):
         around = -torch.nn.functional.max_pool2d(-wrap_border(depth[None])[None], 3, 1)[0, 0]
         depth = torch.where(depth.isfinite(), depth, around)

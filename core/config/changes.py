@@ -21,13 +21,13 @@ class ObjectChangesConfig:
     reach_m: float = 8.0  # from a camera, beyond which objects of 0.3 m are a few pixels
     most_photos: int = 8  # that have their say on a tile
     least_changed: float = 0.3  # of what all photos agree on, somewhere in a tile; else nothing in it changed
-    likely: float = 0.5  # of a voxel, from which on it belongs to an object
-    least_voxels: float = 4.0  # of an object
+    likely: float = 0.4  # of a voxel, from which on it belongs to an object
+    least_voxels: float = 5.0  # of an object
     vote_m: float = (
         0.05  # votes are counted in cubes of this side; each counts around with this deviation, and climbs so far
     )
     vote_blur_m: float = 0.1
-    vote_reach_m: float = 0.25
+    vote_reach_m: float = 0.3
     size_apart: float = (
         0.35  # what went and came moved where mean logarithms of sides and colours differ less than these
     )
@@ -38,7 +38,7 @@ class ObjectChangesConfig:
     seen_changed: float = 0.35
     # Log odds that what is found did change: a constant, and weights of mean likelihood, of photos that saw it (up to four) and of the
     # logarithm of voxels. Logistic regression on development seeds.
-    certainty: tuple[float, float, float, float] = (-4.0, 4.0, 0.5, 0.3)
+    certainty: tuple[float, float, float, float] = (-2.3, 3.4, 0.08, 0.11)
 
 
 CHANGES = ObjectChangesConfig()

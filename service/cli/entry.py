@@ -7,7 +7,7 @@ import httpx
 import typer
 from rich.markup import escape
 
-from panoloc.service.cli import certificate, keys, localize, maps, register, serve
+from panoloc.service.cli import certificate, changes, keys, localize, maps, register, serve
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing import export, place
 from panoloc.service.cli.session import Session
@@ -52,6 +52,7 @@ app.command()(register.register)
 app.command()(localize.localize)
 app.command()(place.place)
 app.command()(export.export)
+app.command()(changes.changes)
 app.command()(certificate.certificate)
 app.add_typer(maps.app, name="maps")
 app.add_typer(keys.app, name="keys")

@@ -194,6 +194,10 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         """Return the body at a path of the service, such as the link of a score map."""
         return self._checked("GET", path).content
 
+    def fetch_json(self, path: str) -> JsonObject:
+        """Return the document at a path of the service."""
+        return json_object(self._checked("GET", path))
+
     def download(self, path: str, query: Mapping[str, str], file: BinaryIO) -> None:
         """Write the body at a path into an open file, block by block."""
         try:

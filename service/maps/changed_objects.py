@@ -68,6 +68,10 @@ class ChangedObjects:
                 self._found.popitem(last=False)
             return self._found[name]
 
+    def forget(self) -> None:
+        """Forget what is remembered: with photos that are deleted go the pictures made of them."""
+        self._found.clear()
+
     async def report(self, ref: MapRef, found: FoundObjects, about: Document, wanted: ReportFormat) -> bytes:
         """Return a report of what was found. about: title, period, made_at, coordinate_system, georeference and
         geoid_undulation_m. Raises ExportFailedError and StorageError."""

@@ -71,8 +71,7 @@ class ChangeLog:
 
     async def photos(self, ref: MapRef, period: Period) -> list[Document]:
         """Return what is kept of the photos of a revision, oldest first: `key` in storage, `position_m`, `quaternion_xyzw`, `time`."""
-        kept = await asyncio.to_thread(lambda: list(self._kept(ref, period)))
-        return [{**each["photo"], "time": each["answer"]["created_at"]} for each in kept if each.get("photo")]
+        return await asyncio.to_thread(self._photos, ref, period)
 
     async def forget(self, map_id: str) -> None:
         """Delete everything about a map."""
@@ -81,6 +80,14 @@ class ChangeLog:
     async def forget_batch(self, batch_id: str) -> None:
         """Delete what is kept of the photos of a batch; the cells that they saw changed stay."""
         await asyncio.to_thread(self._storage.delete_all, f"change-photos/{batch_id}")
+
+    def _photos(self, ref: MapRef, period: Period) -> list[Document]:
+        kept = [each for each in self._kept(ref, period) if each.get("photo")]
+        folders = {each["photo"]["key"].rpartition("/")[0] for each in kept}
+        there = {f"{folder}/{name}" for folder in folders for name in self._storage.names(folder)}
+        # Those of a batch that was deleted are gone.
+        found = [{**each["photo"], "time": each["answer"]["created_at"]} for each in kept]
+        return [photo for photo in found if photo["key"] in there]
 
     def _forget(self, map_id: str) -> None:
         folder = _folder_of(map_id)

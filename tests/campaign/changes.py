@@ -1,4 +1,4 @@
-"""Rooms of which 60 % of furniture, rugs and pictures changed, three panoramas each: which objects are found, where, and what is made up."""
+"""Rooms of which 60 % of furniture, rugs and pictures changed, in three panoramas each: what is found of it, where, and what is made up."""
 
 import sys
 import time

@@ -926,6 +926,77 @@ export interface components {
             last_seen_at: string | null;
         };
         /**
+         * ObjectChange
+         * @description An object that came, went or moved. Positions are in the map's own frame, in metres.
+         */
+        ObjectChange: {
+            /**
+             * Id
+             * @description 12 hex digits, made of kind and place.
+             */
+            id: string;
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "came" | "went" | "moved";
+            /**
+             * Center M
+             * @description Middle of its box; of what went, where it was.
+             */
+            center_m: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Size M
+             * @description Edges of its box along the map's axes.
+             */
+            size_m: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * From M
+             * @description Where it was before; null unless it moved.
+             */
+            from_m: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Floor
+             * @description Floor that it stands on, 0 for the lowest of `stats.floors`; null if none is known.
+             */
+            floor: number | null;
+            /**
+             * Certainty
+             * @description How probable it is that this object changed. More photos and stronger contrast make it surer.
+             */
+            certainty: number;
+            /**
+             * Num Photos
+             * @description Photos that saw the change. With one, its place is a guess along the line of sight.
+             */
+            num_photos: number;
+            /**
+             * Seen From M
+             * @description Position of the photo that shows it best.
+             */
+            seen_from_m: [
+                number,
+                number,
+                number
+            ] | null;
+            /** First Seen At */
+            first_seen_at: string | null;
+            /** Last Seen At */
+            last_seen_at: string | null;
+        };
+        /**
          * OpenFlameAnswer
          * @description A response of an OpenFLAME map server.
          */

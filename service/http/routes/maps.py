@@ -117,6 +117,7 @@ async def delete_map(request: Request, map_id: str) -> Response:
     await asyncio.shield(services.cache.forget_map(map_id))
     await asyncio.shield(services.changes.forget(map_id))
     await asyncio.shield(services.control.forget(map_id))
+    services.changed_objects.forget()
     await asyncio.shield(end_links(request, record))
     return Response(status_code=204)
 

@@ -54,4 +54,5 @@ def test_what_went_and_came_moved_where_size_and_colour_agree_even_turned() -> N
 def test_more_photos_and_stronger_evidence_make_surer() -> None:
     by_photos = [certainty_of(0.8, count, 50) for count in (1, 2, 3)]
     by_likelihood = [certainty_of(share, 2, 50) for share in (0.5, 0.7, 0.9)]
-    assert by_photos == sorted(set(by_photos)) and by_likelihood == sorted(set(by_likelihood))
+    assert by_photos == sorted(set(by_photos))
+    assert by_likelihood == sorted(set(by_likelihood))

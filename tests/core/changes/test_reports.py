@@ -20,15 +20,20 @@ GRID = np.array([691_600.0, 5_334_800.0, 500.0])
 """In EPSG:25832, in Munich."""
 
 
+def beside(x: float, y: float, z: float) -> list[float]:
+    """Return a place near the corner of the room."""
+    return list((GRID + np.array([x, y, z])).tolist())
+
+
 def changed(number: int, kind: str, **others: Any) -> dict[str, Any]:
     return {
         "id": f"{number:012x}",
         "kind": kind,
-        "center_m": (GRID + (number, 1.0, 0.5)).tolist(),
+        "center_m": beside(number, 1.0, 0.5),
         "size_m": [0.6, 0.5, 1.0],
         "from_m": None,
         "floor": 0,
-        "seen_from_m": (GRID + (0, 0, 1.5)).tolist(),
+        "seen_from_m": beside(0, 0, 1.5),
         "certainty": 0.8,
         "num_photos": 2,
         "first_seen_at": "2026-11-21T12:00:00Z",
@@ -40,7 +45,7 @@ def changed(number: int, kind: str, **others: Any) -> dict[str, Any]:
 OBJECTS = [
     changed(1, "came"),
     changed(2, "went"),
-    changed(3, "moved", from_m=(GRID + (0.5, 2.0, 0.5)).tolist()),
+    changed(3, "moved", from_m=beside(0.5, 2.0, 0.5)),
 ]
 
 
@@ -65,14 +70,17 @@ def report(folder: Path, wanted: str, system: str | None = "EPSG:25832") -> byte
 
 def test_the_page_stands_alone_and_escapes_names(tmp_path: Path) -> None:
     page = report(tmp_path, "html").decode()
-    assert "Büro &lt;3&gt; 東" in page and "1 new, 1 gone, 1 moved" in page
+    assert "Büro &lt;3&gt; 東" in page
+    assert "1 new, 1 gone, 1 moved" in page
     assert page.count("data:image/jpeg") == len(OBJECTS)
-    assert "http" not in page and "<script" not in page
+    assert "http" not in page
+    assert "<script" not in page
 
 
 def test_the_pdf_has_plan_list_and_pictures_and_takes_any_name(tmp_path: Path) -> None:
     data = report(tmp_path, "pdf")
-    assert data.startswith(b"%PDF-") and data.count(b"/Subtype /Image") >= 2
+    assert data.startswith(b"%PDF-")
+    assert data.count(b"/Subtype /Image") >= 2
 
 
 def test_a_spreadsheet_has_one_line_per_object_in_metres(tmp_path: Path) -> None:
@@ -88,7 +96,8 @@ def test_geojson_is_in_degrees_on_earth_and_says_so_where_it_is_not(tmp_path: Pa
     assert (longitude, latitude) == (pytest.approx(11.585, abs=0.01), pytest.approx(48.139, abs=0.01))
     unplaced = json.loads(report(tmp_path, "geojson", system=None))
     assert unplaced["features"][0]["geometry"]["coordinates"] == OBJECTS[0]["center_m"]
-    assert "metres" in unplaced["crs_note"] and "crs_note" not in placed
+    assert "metres" in unplaced["crs_note"]
+    assert "crs_note" not in placed
 
 
 def test_bcf_has_a_topic_with_viewpoint_and_snapshot_per_object(tmp_path: Path) -> None:

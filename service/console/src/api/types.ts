@@ -15,6 +15,7 @@ export type BatchItem = Schemas["BatchItem"];
 export type BatchOverview = Schemas["BatchOverview"];
 export type ChangedCell = Schemas["ChangedCell"];
 export type MapChanges = Schemas["MapChanges"];
+export type ObjectChange = Schemas["ObjectChange"];
 export type MapLink = Schemas["MapLink"];
 export type MapStats = Schemas["MapStats"];
 export type Coordinates = Schemas["Coordinates"];

@@ -1,0 +1,111 @@
+"""Objects that changed, their pictures and reports, over HTTP: from the photos of a batch, in processes of their own."""
+
+import io
+import json
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from panoloc.service.http.schemas.maps import MapChanges
+from panoloc.service.jobs import ChangePhoto, LocalizeJob, LocalizeOutcome
+from panoloc.service.maps import changed_objects
+from panoloc.service.maps.changed_objects import floor_of
+from tests.service.http.fake_pool import outcome_of
+from tests.service.http.running_service import RunningService, png_of
+from tests.service.maps.test_changes import seen
+
+pytestmark = pytest.mark.anyio
+
+OBJECT = {
+    "id": "0123456789ab",
+    "kind": "came",
+    "center_m": [1.0, 2.0, 3.4],
+    "size_m": [0.5, 0.5, 0.8],
+    "from_m": None,
+    "seen_from_m": [0.0, 0.0, 1.5],
+    "certainty": 0.8,
+    "num_photos": 1,
+    "first_seen_at": "2026-11-21T12:00:00Z",
+    "last_seen_at": "2026-11-21T12:00:00Z",
+}
+
+
+def sees(job: LocalizeJob) -> LocalizeOutcome:
+    """Answer as a worker does that keeps a photo where it may."""
+    photo = ChangePhoto(webp(), (0.0, 0.0, 1.5), (0.0, 0.0, 0.0, 1.0)) if job.keep_photo else None
+    return replace(outcome_of(job), change_cells=seen((0, 0, 0)), change_photo=photo)
+
+
+def webp() -> bytes:
+    file = io.BytesIO()
+    Image.new("RGBA", (64, 32), "white").save(file, "WEBP")
+    return file.getvalue()
+
+
+@pytest.fixture
+def questions(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, object]]:
+    """What the processes that look for objects, and that write reports, are asked; one object is found."""
+    asked: list[dict[str, object]] = []
+
+    async def run(module: str, source: str, *others: str, **_: object) -> tuple[int, str]:
+        asked.append(json.loads(Path(source).read_text()))
+        if module.endswith("reports"):
+            Path(others[-1]).write_text(others[0])
+            return 0, ""
+        with zipfile.ZipFile(others[-1], "w") as archive:
+            archive.writestr("objects.json", json.dumps([OBJECT]))
+            archive.writestr(f"{OBJECT['id']}.jpg", b"picture")
+        return 0, ""
+
+    monkeypatch.setattr(changed_objects, "run_module", run)
+    return asked
+
+
+async def changed_map(running: RunningService) -> tuple[str, str]:
+    """Return a map in which a batch of one photo and a query were answered, and the batch."""
+    running.pool.outcome_of = sees
+    map_id, batch_id = await running.placed("a.png")
+    await running.localize(map_id, png_of(16, 8))
+    return map_id, batch_id
+
+
+async def test_objects_are_found_in_photos_of_batches_alone_and_go_with_them(
+    running: RunningService, questions: list[dict[str, object]]
+) -> None:
+    map_id, batch_id = await changed_map(running)
+    path = f"/maps/{map_id}/changes"
+    changes = MapChanges.model_validate(await running.json(path))
+    assert [each.id for each in changes.objects] == [OBJECT["id"]]
+    assert (changes.num_photos, len(changes.answers)) == (1, 2)
+    assert (await running.client.get(f"{path}/objects/{OBJECT['id']}.jpg")).content == b"picture"
+    assert await running.status("GET", f"{path}/objects/ffffffffffff.jpg") == 404
+    assert len(questions) == 1  # found once, remembered
+    early = await running.json(path, until="2020-01-01T00:00:00Z")
+    assert (early["objects"], early["answers"]) == ([], [])
+    assert await running.status("GET", f"{path}?since=yesterday") == 422
+    assert await running.status("DELETE", f"/batches/{batch_id}") == 204
+    left = await running.json(path)
+    assert (left["objects"], left["num_photos"], len(left["answers"])) == ([], 0, 2)
+
+
+@pytest.mark.parametrize(("wanted", "kind"), [("pdf", "application/pdf"), ("geojson", "application/geo+json")])
+async def test_a_report_says_what_was_found_and_where_the_map_is(
+    running: RunningService, questions: list[dict[str, object]], wanted: str, kind: str
+) -> None:
+    map_id, _ = await changed_map(running)
+    reply = await running.client.get(f"/maps/{map_id}/changes/report", params={"format": wanted})
+    assert (reply.text, reply.headers["content-type"]) == (wanted, kind)
+    objects = questions[-1]["objects"]
+    assert isinstance(objects, list)
+    assert objects[0]["id"] == OBJECT["id"]
+    assert "1 photo," in str(questions[-1]["period"])
+
+
+def test_an_object_stands_on_the_highest_floor_below_it() -> None:
+    levels = {"floors": [{"level_m": 0.0, "height_m": 2.6}, {"level_m": 2.9, "height_m": None}]}
+    assert floor_of(OBJECT, levels) == 1
+    assert floor_of({**OBJECT, "center_m": [0, 0, 0.3]}, levels) == 0
+    assert floor_of(OBJECT, {}) is floor_of(OBJECT, {"floors": []}) is None
