@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.camera.resection import Resection, resect, residuals_px
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.shown_camera import ShownCamera, shown_camera
 from panoloc.core.options import Hints, PosePrior
+from panoloc.core.survey.resection import Resection, resect, residuals_px
 from panoloc.service.answer import (
     Accuracy,
     Change,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from panoloc.core.camera.resection import LEAST_PAIRS, Resection
 from panoloc.core.remarks import Remark
+from panoloc.core.survey.resection import LEAST_PAIRS, Resection
 from panoloc.service.answer import Accuracy, Localization
 
 LEVEL = 0.68

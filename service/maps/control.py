@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from panoloc.core.earth.control_check import ControlCheck, check_control, georeference_document
-from panoloc.core.earth.control_csv import ControlPoint
+from panoloc.core.survey.control_check import ControlCheck, check_control, georeference_document
+from panoloc.core.survey.control_csv import ControlPoint
 from panoloc.service.answer import Document
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.jobs import MapRef

@@ -1,7 +1,8 @@
 """Counts what makes the engine large: `scripts/count-engine [--list] [--no-trace]`.
 
 Parameters, tests of the query's kind, rules that decide the status, lines, and returns to rooms that a query was in before. A *room* is a
-file of `core/`. The rooms that localize are all but those of scans, exports, the paper's own method and places on Earth.
+file of `core/`. The rooms that localize are all but those of scans, exports, changes, surveys, the paper's own
+method and places on Earth.
 """
 
 import argparse

@@ -7,7 +7,15 @@ from pathlib import Path
 import panoloc
 
 ROOT = Path(panoloc.__file__).resolve().parents[1]
-_OTHER_ROOMS = ("core/scan/*", "core/exports/*", "core/paper/*", "core/earth/*", "core/sandbox.py")
+_OTHER_ROOMS = (
+    "core/scan/*",
+    "core/exports/*",
+    "core/paper/*",
+    "core/earth/*",
+    "core/changes/*",
+    "core/survey/*",
+    "core/sandbox.py",
+)
 
 
 def sources(*patterns: str, but: Sequence[str] = ()) -> dict[str, str]:

@@ -4,8 +4,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from panoloc.core.earth.control_csv import MOST_POINTS, ControlPoint, read_control_points
 from panoloc.core.errors import OptionsError
+from panoloc.core.survey.control_csv import MOST_POINTS, ControlPoint, read_control_points
 from panoloc.service.answer import ResponseModel
 from panoloc.service.http.schemas.maps import PRINTABLE, CoordinateSystem, Georeference
 from panoloc.service.http.schemas.queries import Coordinate, RequestModel, Vector

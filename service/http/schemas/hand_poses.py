@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from panoloc.core.camera.resection import LEAST_PAIRS, MOST_PAIRS
+from panoloc.core.survey.resection import LEAST_PAIRS, MOST_PAIRS
 from panoloc.service.answer import Accuracy, PoseAnswer, ResponseModel
 from panoloc.service.http.schemas.batches import BatchItem
 from panoloc.service.http.schemas.queries import (

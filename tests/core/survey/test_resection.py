@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image
-from panoloc.core.camera.rays import directions_of
-from panoloc.core.camera.resection import resect, residuals_px
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.survey.rays import directions_of
+from panoloc.core.survey.resection import resect, residuals_px
 
 Array = NDArray[np.float64]
 SPHERE = Camera("equirectangular", 2048, 1024, 1024 / math.pi, 1024 / math.pi, 1024, 512)

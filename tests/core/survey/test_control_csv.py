@@ -2,8 +2,8 @@
 
 import pytest
 
-from panoloc.core.earth.control_csv import ControlPoint, read_control_points
 from panoloc.core.errors import OptionsError
+from panoloc.core.survey.control_csv import ControlPoint, read_control_points
 
 GRID = ControlPoint("A1", (691000.12, 5334000.5, 520.25))
 

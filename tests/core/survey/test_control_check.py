@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from panoloc.core.earth.control_check import ControlCheck, check_control
-from panoloc.core.earth.control_csv import ControlPoint
 from panoloc.core.earth.geopose import Georeference, earth_pose
 from panoloc.core.earth.georeference import ecef_of
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.survey.control_check import ControlCheck, check_control
+from panoloc.core.survey.control_csv import ControlPoint
 
 TRUTH = Georeference(48.1371, 11.5754, 562.3, 37.25)
 CORNERS = np.array([[0.0, 0, 0.2], [30, 0, 1], [0, 20, 2.5], [30, 20, 6]])

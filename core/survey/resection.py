@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image
-from panoloc.core.camera.rays import directions_of
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.survey.rays import directions_of
 
 Array = NDArray[np.float64]
 

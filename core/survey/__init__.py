@@ -1,0 +1,1 @@
+"""What surveyors do by hand: place a photo by clicked points, and check a map against control points."""
