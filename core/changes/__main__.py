@@ -37,8 +37,7 @@ def main(arguments: Sequence[str]) -> int:
     with zipfile.ZipFile(arguments[1], "w") as archive:
         archive.writestr("objects.json", json.dumps([object_document(each, photos) for each in found]))
         for each in found:
-            if each.photos:
-                archive.writestr(f"{each.id}.jpg", encode_jpeg(_picture(each, photos, rendered, cloud)))
+            archive.writestr(f"{each.id}.jpg", encode_jpeg(_picture(each, photos, rendered, cloud)))
     return 0
 
 
@@ -51,11 +50,11 @@ def object_document(change: Change, photos: Sequence[DatedPhoto]) -> dict[str, A
         "center_m": _rounded(change.center),
         "size_m": _rounded(change.size),
         "from_m": None if change.from_center is None else _rounded(change.from_center),
-        "seen_from_m": _rounded(photos[change.photos[0]].pose.position) if change.photos else None,
+        "seen_from_m": _rounded(photos[change.photos[0]].pose.position),
         "certainty": round(change.certainty, 3),
         "num_photos": len(times),
-        "first_seen_at": min(times).isoformat().replace("+00:00", "Z") if times else None,
-        "last_seen_at": max(times).isoformat().replace("+00:00", "Z") if times else None,
+        "first_seen_at": min(times).isoformat().replace("+00:00", "Z"),
+        "last_seen_at": max(times).isoformat().replace("+00:00", "Z"),
     }
 
 

@@ -60,7 +60,8 @@ def find_changes(cloud: PointCloud, photos: Sequence[DatedPhoto]) -> list[Change
     rendered = make_render_cloud(points, colors, point_spacing(points))
     seen = [photo_evidence(rendered, each.panorama, _in_cloud(each.pose, cloud)) for each in photos]
     placed = find_placed_objects(fitted_network(), cloud.positions, colors.numpy(), seen)
-    witnessed = [(each, _witnesses(each, seen)) for each in placed if each.size.max() >= CHANGES.least_side_m]
+    large = [each for each in placed if each.size.max() >= CHANGES.least_side_m]
+    witnessed = [pair for pair in ((each, _witnesses(each, seen)) for each in large) if pair[1]]
     went, came = ([pair for pair in witnessed if pair[0].is_new is is_new] for is_new in (False, True))
     moved = pair_up([each for each, _ in went], [each for each, _ in came])
     offset = np.asarray(cloud.origin_offset, np.float64)

@@ -69,7 +69,9 @@ def pair_up(went: Sequence[PlacedObject], came: Sequence[PlacedObject]) -> list[
     costs = sorted((_unlikeness(a, b), i, j) for i, a in enumerate(went) for j, b in enumerate(came))
     pairs: list[tuple[int, int]] = []
     for cost, i, j in costs:
-        if cost < 1 and all(i != a and j != b for a, b in pairs):
+        # What stands where something like it stood was exchanged, or is there still.
+        is_elsewhere = np.linalg.norm(went[i].center - came[j].center) > CHANGES.least_side_m
+        if cost < 1 and is_elsewhere and all(i != a and j != b for a, b in pairs):
             pairs.append((i, j))
     return pairs
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.earth.control_fit import LevelFit, fit_level
+from panoloc.core.survey.control_fit import LevelFit, fit_level
 from panoloc.core.earth.geopose import EarthPose, Georeference, earth_pose, ecef_from_enu
 from panoloc.core.earth.georeference import (
     CoordinateSystem,

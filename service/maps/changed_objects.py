@@ -27,6 +27,7 @@ MOST_PHOTOS = 60
 """The newest; older ones make room."""
 
 _TIME_S = 600.0
+_EMPTY_ZIP = b"PK\x05\x06" + bytes(18)
 _REMEMBERED = 16
 _STEP_M = 0.5  # an object stands on a floor even if its lowest part was not seen
 
@@ -62,7 +63,7 @@ class ChangedObjects:
         name = (ref.id, str(ref.revision), *(photo["key"] for photo in newest))
         async with self._one_at_a_time:
             if name not in self._found:
-                self._found[name] = await self._searched(ref, newest, stats) if newest else FoundObjects([], b"")
+                self._found[name] = await self._searched(ref, newest, stats) if newest else FoundObjects([], _EMPTY_ZIP)
             self._found.move_to_end(name)
             while len(self._found) > _REMEMBERED:
                 self._found.popitem(last=False)

@@ -919,11 +919,17 @@ export interface components {
                 number,
                 number,
                 number
-            ] | null;
-            /** First Seen At */
-            first_seen_at: string | null;
-            /** Last Seen At */
-            last_seen_at: string | null;
+            ];
+            /**
+             * First Seen At
+             * Format: date-time
+             */
+            first_seen_at: string;
+            /**
+             * Last Seen At
+             * Format: date-time
+             */
+            last_seen_at: string;
         };
         /**
          * OpenFlameAnswer

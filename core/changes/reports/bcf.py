@@ -14,7 +14,6 @@ from panoloc.core.changes.reports.report import WORDS, ChangeReport, place_words
 _NAMES = uuid.UUID("0d0a3a52-7a94-5d1e-9f0c-3c2d5f1f6b11")  # of topics: the same object keeps its own
 _AUTHOR = "panoloc"
 _FIELD_OF_VIEW = "60"
-_BESIDE_M = np.array([-2.0, -2.0, 1.5])
 
 
 def as_bcf(report: ChangeReport) -> bytes:
@@ -27,7 +26,7 @@ def as_bcf(report: ChangeReport) -> bytes:
         for number, each in enumerate(report.objects, 1):
             topic, view = (str(uuid.uuid5(_NAMES, f"{part} {each['id']}")) for part in ("topic", "view"))
             picture = report.pictures.get(each["id"])
-            archive.writestr(f"{topic}/markup.bcf", _markup(report, number, each, topic, view, picture is not None))
+            archive.writestr(f"{topic}/markup.bcf", _markup(number, each, topic, view, picture is not None))
             archive.writestr(f"{topic}/viewpoint.bcfv", _viewpoint(each, view))
             if picture is not None:
                 png = io.BytesIO()
@@ -36,13 +35,13 @@ def as_bcf(report: ChangeReport) -> bytes:
     return buffer.getvalue()
 
 
-def _markup(report: ChangeReport, number: int, each: dict[str, Any], topic: str, view: str, has_picture: bool) -> bytes:
+def _markup(number: int, each: dict[str, Any], topic: str, view: str, has_picture: bool) -> bytes:
     root = Xml.Element("Markup")
     about = Xml.SubElement(root, "Topic", Guid=topic, TopicType="Change", TopicStatus="Open")
     _add(about, "Title", f"{number}. {WORDS[each['kind']]}, {size_words(each['size_m'])}")
     _add(about, "Index", str(number))
     _add(about, "Labels", each["kind"])
-    _add(about, "CreationDate", each["last_seen_at"] or report.made_at)
+    _add(about, "CreationDate", each["last_seen_at"])
     _add(about, "CreationAuthor", _AUTHOR)
     before = "" if each["from_m"] is None else f", from {place_words(each['from_m'])}"
     seen = f"certainty {each['certainty']:.0%}, seen by {each['num_photos']} photos"
@@ -61,7 +60,7 @@ def _markup(report: ChangeReport, number: int, each: dict[str, Any], topic: str,
 def _viewpoint(each: dict[str, Any], view: str) -> bytes:
     """Return a view of the object from where the photo that shows it best was taken."""
     center = np.array(each["center_m"])
-    position = center + _BESIDE_M if each["seen_from_m"] is None else np.array(each["seen_from_m"])
+    position = np.array(each["seen_from_m"])
     direction = (center - position) / max(float(np.linalg.norm(center - position)), 1e-6)
     left = np.cross((0.0, 0.0, 1.0), direction)
     left = np.array([0.0, 1.0, 0.0]) if np.linalg.norm(left) < 1e-6 else left / np.linalg.norm(left)

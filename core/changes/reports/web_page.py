@@ -63,7 +63,7 @@ def _section(report: ChangeReport, number: int, each: dict[str, Any]) -> str:
     below = " New place above, old place below." if each["kind"] == "moved" else ""
     return (
         f'<section id="o{number}"><h3>{number}. {_kind(each)} {size_words(each["size_m"])}</h3>{shown}'
-        f'<p class="soft">Photo left, scan right.{below} Last seen {escape(each["last_seen_at"] or "")}.</p></section>'
+        f'<p class="soft">Photo left, scan right.{below} Last seen {escape(each["last_seen_at"])}.</p></section>'
     )
 
 

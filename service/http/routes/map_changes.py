@@ -83,7 +83,7 @@ async def get_object_picture(
 ) -> Response:
     """Return a picture of one object of `GET /maps/{id}/changes` for the same period."""
     seen = await _Seen.by(request, map_id, period)
-    picture = seen.found.picture(object_id) if seen.found.objects else None
+    picture = seen.found.picture(object_id)
     if picture is None:
         raise ObjectNotFoundError(
             f"expected the id of an object that changed in this period, got {object_id!r}; ids change with the photos, list them again"

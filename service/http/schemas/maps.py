@@ -360,11 +360,11 @@ class ObjectChange(ResponseModel):
         description="How probable it is that this object changed. More photos and stronger contrast make it surer.",
     )
     num_photos: int = Field(
-        ge=0, description="Photos that saw the change. With one, its place is a guess along the line of sight."
+        ge=1, description="Photos that saw the change. With one, its place is a guess along the line of sight."
     )
-    seen_from_m: Vector | None = Field(description="Position of the photo that shows it best.")
-    first_seen_at: datetime | None
-    last_seen_at: datetime | None
+    seen_from_m: Vector = Field(description="Position of the photo that shows it best.")
+    first_seen_at: datetime
+    last_seen_at: datetime
 
 
 class MapChanges(ResponseModel):

@@ -104,6 +104,14 @@ async def test_a_report_says_what_was_found_and_where_the_map_is(
     assert "1 photo," in str(questions[-1]["period"])
 
 
+async def test_a_map_without_photos_has_an_empty_report(
+    running: RunningService, questions: list[dict[str, object]]
+) -> None:
+    map_id = await running.ready_map()
+    assert (await running.client.get(f"/maps/{map_id}/changes/report")).status_code == 200
+    assert questions[-1]["objects"] == []
+
+
 def test_an_object_stands_on_the_highest_floor_below_it() -> None:
     levels = {"floors": [{"level_m": 0.0, "height_m": 2.6}, {"level_m": 2.9, "height_m": None}]}
     assert floor_of(OBJECT, levels) == 1
