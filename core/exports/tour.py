@@ -31,7 +31,7 @@ class PlacedPhoto:
     name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres.
     width, height: pixels. is_sphere: a full equirectangular panorama. time_unix_s: when it was taken, None where unknown.
     position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it was made
-    of the photo, so that an export has to hold it.
+    of the photo, so that an export has to hold it. is_by_hand: a person has placed it.
     """
 
     name: str
@@ -45,6 +45,7 @@ class PlacedPhoto:
     orientation_radius_deg: float | None = None
     image: Path | None = None
     is_converted: bool = False
+    is_by_hand: bool = False
 
 
 @dataclass(frozen=True)
