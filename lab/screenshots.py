@@ -91,7 +91,7 @@ def _views(page: Page, service: OwnService, photos: list[Path], map_page: str, b
         page.get_by_label("From points to photo").fill("0.55")
     yield "stand"
     page.goto(batch_page)
-    expect(page.get_by_text("Without a place")).to_be_visible(timeout=_TIMEOUT_MS)
+    expect(page.get_by_role("heading", name="Not placed")).to_be_visible(timeout=_TIMEOUT_MS)
     yield "batch"
     page.goto(map_page)
     page.get_by_role("button", name="Changes").click()

@@ -158,7 +158,7 @@ class RegisterJob:
 class RegisterOutcome:
     """The result of a registration, besides the index, which the worker itself puts into Redis.
 
-    stats and diagnostics: as in the map of the HTTP contract. preview_png: the scan from above with the starts.
+    stats and diagnostics: as in the map of the HTTP contract. preview_png: the scan from above.
     points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame,
     shuffled, so that every prefix is a fair sample; empty when there is none. starts: one `{"position_m": [x, y, z],
     "leaf_size_m": s}` per start, metres, in the map's own frame.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.geometry.pose import Pose
@@ -89,16 +89,11 @@ def draw_overlay(panorama: Panorama, view: ScanView) -> Picture:
 
 
 def draw_map_preview(index: MapIndex, max_side: int = 900) -> Picture:
-    """Draw the scan from above without what lies in the top 15 % (ceilings), with a dot at every start."""
+    """Draw the scan from above without what lies in the top 15 % (ceilings)."""
     positions, colors = index.positions.cpu().numpy(), index.colors.cpu().numpy()
     lower, upper = np.quantile(positions, 0.001, axis=0), np.quantile(positions, 0.999, axis=0)
     top_m = float(lower[2] + 0.85 * (upper[2] - lower[2]))
-    seen = draw_from_above(positions, colors, Area(lower[:2], upper[:2], top_m), max_side)
-    drawn = Image.fromarray(seen.picture)
-    pen = ImageDraw.Draw(drawn)
-    for u, v in seen.pixels_of(index.starts.cpu().numpy()).tolist():
-        pen.ellipse((u - 2, v - 2, u + 3, v + 3), fill=(30, 90, 220))
-    return np.asarray(drawn, dtype=np.uint8)
+    return draw_from_above(positions, colors, Area(lower[:2], upper[:2], top_m), max_side).picture
 
 
 def _shrunk(panorama: Panorama) -> Picture:

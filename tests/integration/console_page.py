@@ -52,12 +52,12 @@ def wait_until_drawn(page: Page, num_points: int) -> None:
     """Wait until all points are there and the view has come to rest."""
     page.locator("canvas[data-scene]").wait_for()
     assert eventually(lambda: scene_state(page)["numPoints"] == num_points, WAIT_MS / 1000), scene_state(page)
-    _wait_until_still(page)
+    wait_until_still(page)
 
 
 def picture_of(page: Page, folder: Path, name: str) -> NDArray[np.float32]:
     """Return the 3D view (H, W, 3) in 0..1 once it has come to rest."""
-    _wait_until_still(page)
+    wait_until_still(page)
     file = folder / f"{name}.png"
     page.locator("canvas[data-scene]").screenshot(path=file)
     return np.asarray(Image.open(file).convert("RGB"), np.float32) / np.float32(255)
@@ -97,7 +97,8 @@ def serious_faults(page: Page) -> list[str]:
     ]
 
 
-def _wait_until_still(page: Page) -> None:
+def wait_until_still(page: Page) -> None:
+    """Wait until the 3D view is at rest."""
     assert eventually(lambda: bool(scene_state(page)["isStill"]), WAIT_MS / 1000), scene_state(page)
 
 

@@ -1,6 +1,6 @@
 """A small furnished room with a query of known pose, quick to register and to localize in."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from panoloc.core.geometry.pose import Pose, PoseError, pose_error
 from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.rooms import Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
 from tests.core.image.picture_files import encoded
 
@@ -41,6 +42,33 @@ def small_room() -> SmallRoom:
     scene = room_scene()
     pose = sample_pose(scene, np.random.default_rng(1))
     return SmallRoom(encode_ply(scan_scene(scene, num_points=20_000)), _panorama_from(pose), pose)
+
+
+@cache
+def _dense_cloud() -> PointCloud:
+    return scan_scene(room_scene(), num_points=100_000)
+
+
+def dense_scan() -> bytes:
+    """Return a PLY of the room with as many points as surveyors have."""
+    return encode_ply(_dense_cloud())
+
+
+@dataclass(frozen=True)
+class TwoStoreys:
+    """The small room twice, one above the other. scan: PLY. height_m: of the upper floor above the lower one."""
+
+    scan: bytes
+    height_m: float
+
+
+def two_storeys() -> TwoStoreys:
+    """Scan the building."""
+    cloud = _dense_cloud()
+    height_m = float(np.ptp(cloud.positions[:, 2])) + 0.3
+    above = cloud.positions + np.array([0, 0, height_m], cloud.positions.dtype)
+    both = replace(cloud, positions=np.vstack((cloud.positions, above)), colors=np.vstack((cloud.colors,) * 2))
+    return TwoStoreys(encode_ply(both), height_m)
 
 
 @cache

@@ -4,8 +4,11 @@ import json
 import math
 import re
 import struct
+import subprocess
+import sys
 import zipfile
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +31,18 @@ from tests.integration.console_page import (
     scene_state,
     serious_faults,
     wait_until_drawn,
+    wait_until_still,
 )
+from tests.integration.known_points import known_points, seen_from, seen_from_above
 from tests.integration.running_service import RunningService, eventually
-from tests.integration.small_room import second_panorama, small_room
+from tests.integration.small_room import (
+    OPTIONS,
+    dense_scan,
+    room_scene,
+    second_panorama,
+    small_room,
+    two_storeys,
+)
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
 
@@ -123,9 +135,13 @@ def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
 ) -> None:
     page.goto(f"{service.http.base_url}/#/maps/{room_id}")
     page.get_by_label("Choose photos to localize").set_input_files(panorama)
-    for name in ("Photo", "Scan", "Side by side"):
+    for name in ("Photo", "Scan", "Before and after"):
         page.get_by_label("What changed").get_by_role("button", name=name).click()
-        expect(page.get_by_label("What changed").locator("img")).to_be_visible()
+        expect(page.get_by_label("What changed").locator("img").first).to_be_visible()
+    page.get_by_role("button", name="Enlarge").click()
+    page.get_by_role("dialog").get_by_label("Edge between photo and scan").fill("20")
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog")).to_have_count(0)
     page.get_by_role("button", name="Changes").click()
     kept = page.get_by_label("Answers that count, newest first").get_by_role("listitem")
     expect(kept.first).to_contain_text("%")
@@ -171,21 +187,27 @@ def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     page.goto(f"{service.http.base_url}/#/localize")
     page.get_by_role("checkbox", name=HOSTILE).check()
     page.get_by_role("checkbox", name="Keep as a batch").check()
+    page.get_by_label("Name of the batch").fill("North wing")
     page.get_by_label("Choose photos to localize").set_input_files([panorama, other, notes])
     placed = page.get_by_role("region", name="Placed photos")
-    expect(placed.get_by_role("button")).to_have_count(2)
-    expect(page.get_by_role("region", name="Photos without a place")).to_contain_text("notes.txt")
+    expect(placed.get_by_role("listitem")).to_have_count(2)
+    expect(page.get_by_role("region", name="Photos not placed")).to_contain_text("notes.txt")
     expect(page.get_by_role("region", name="Plan").locator(".marker")).to_have_count(2)
     batch_page = page.url
     page.goto(f"{service.http.base_url}/#/batches")
-    expect(page.get_by_role("list", name="Batches").get_by_role("link").first).to_contain_text("3 photos")
+    expect(page.get_by_role("list", name="Batches").get_by_role("link").first).to_contain_text("North wing")
     assert serious_faults(page) == []
     page.goto(batch_page)
     page.get_by_role("button", name="Begin the tour").press("Enter")
     expect(page.get_by_label("in 3D")).to_be_focused()
-    page.get_by_role("group", name="To the photos around").get_by_role("button", name="To other.jpg").click()
-    expect(placed.get_by_role("button", name="other.jpg")).to_have_attribute("aria-pressed", "true")
-    expect(page.get_by_role("button", name="To panorama.jpg")).to_be_visible()
+    page.get_by_role("group", name="To the photos around").get_by_role("button", name="To panorama.jpg").click()
+    expect(placed.get_by_role("button", name="panorama.jpg").last).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_role("button", name="To other.jpg")).to_be_visible()
+    placed.get_by_role("button", name="Enlarge panorama.jpg").click()
+    expect(page.get_by_role("dialog").get_by_role("heading")).to_have_text("panorama.jpg")
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_role("dialog").get_by_role("heading")).to_have_text("notes.txt")
+    page.keyboard.press("Escape")
     page.get_by_label("Format").select_option("potree")
     with page.expect_download() as download:
         page.get_by_role("button", name="Download").click()
@@ -370,7 +392,7 @@ def test_the_scan_is_turned_moved_and_zoomed_by_keys_that_the_view_names(
     page: Page, service: RunningService, room_id: str
 ) -> None:
     def view() -> NDArray[np.float64]:
-        middle_and_eye = "({orbit, camera}) => [orbit.target.toArray(), camera.position.toArray()]"
+        middle_and_eye = "({outside, camera}) => [outside.orbit.target.toArray(), camera.position.toArray()]"
         found = page.evaluate(f"({middle_and_eye})(document.querySelector('canvas[data-scene]').stage)")
         return np.array(found)
 
@@ -395,9 +417,9 @@ def test_the_scan_is_turned_moved_and_zoomed_by_keys_that_the_view_names(
     assert away[0] == pytest.approx(away[1]) == pytest.approx(away[2])
     assert zoomed[0] == pytest.approx(moved[0])
     assert away[3] < 0.9 * away[2]
-    page.get_by_role("checkbox", name="Starts of the search").check()
+    page.get_by_role("checkbox", name="Starts").check()
     num_starts = service.map(room_id)["stats"]["num_starts"]
-    expect(page.get_by_text(f"Starts of the search ({num_starts})")).to_be_visible()
+    expect(page.get_by_text(f"Starts ({num_starts})")).to_be_visible()
 
 
 def test_an_ordinary_photo_of_which_nothing_is_known_is_asked_for_its_angle_of_view(
@@ -469,6 +491,104 @@ def test_every_view_can_be_read_and_reached_by_everybody(
         check(f"/maps/{room_id}", "Changes")
         check(f"/maps/{room_id}", "About", "Edit…")
         check("/operations", "Key")
+
+
+def test_known_points_are_measured_to_5_mm_on_the_plan_and_in_a_photo(
+    page: Page, service: RunningService, panorama: Path
+) -> None:
+    def measure(rays: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
+        page.get_by_role("button", name="Measure").click()
+        wait_until_still(page)
+        known = list(islice(known_points(page, room_scene(), origin, rays), 3))
+        for point, at in known:
+            page.mouse.click(*at)
+            assert _figures(page, "Map x, y, z") == pytest.approx(point, abs=0.005)
+        a, b, c = (point for point, _ in known)
+        (length,), (height,), (area,) = (_figures(page, name) for name in ("Length", "Height difference", "Area"))
+        assert length == pytest.approx(np.linalg.norm(b - a) + np.linalg.norm(c - b), abs=0.005)
+        assert height == pytest.approx(c[2] - a[2], abs=0.005)
+        assert area == pytest.approx(np.linalg.norm(np.cross(b - a, c - a)) / 2, abs=0.01)
+        assert serious_faults(page) == []
+        page.get_by_role("button", name="Done").click()
+
+    map_id = service.register(dense_scan(), OPTIONS)
+    page.goto(f"{service.http.base_url}/#/maps/{map_id}")
+    wait_until_drawn(page, _num_stored_points(service, map_id))
+    page.get_by_role("button", name="Plan", exact=True).click()
+    bounds = service.map(map_id)["stats"]["bounds"]
+    origin = np.floor((np.array(bounds["min"]) + bounds["max"]) / 2 + 0.5)
+    section = float(page.get_by_label("Section height").input_value())
+    measure(seen_from_above(np.array(bounds["min"]), np.array([*bounds["max"][:2], section])))
+    page.get_by_label("Choose photos to localize").set_input_files(panorama)
+    page.get_by_role("button", name=STAND_HERE).click()
+    measure(seen_from(small_room().pose.position))
+
+
+def test_photos_and_filters_of_a_map_outlive_a_reload(
+    page: Page, service: RunningService, room_id: str, panorama: Path
+) -> None:
+    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.get_by_label("Choose photos to localize").set_input_files(panorama)
+    expect(page.get_by_role("button", name=STAND_HERE)).to_be_visible()
+    page.get_by_label("Status").select_option("Found")
+    page.reload()
+    expect(page.get_by_role("list", name="Photos and their answers").get_by_role("link")).to_have_text("panorama.jpg")
+    expect(page.get_by_label("Status")).to_have_value("localized")
+    page.get_by_role("button", name=STAND_HERE).click()
+    expect(page.get_by_label("From points to photo")).to_be_visible()
+    page.get_by_role("button", name="Remove panorama.jpg").click()
+    page.reload()
+    expect(page.get_by_role("heading", name=HOSTILE)).to_be_visible()
+    expect(page.get_by_text("panorama.jpg")).to_have_count(0)
+
+
+def test_what_the_command_line_has_placed_is_a_batch_here(
+    page: Page, service: RunningService, room_id: str, tmp_path: Path
+) -> None:
+    (photos := tmp_path / "photos").mkdir()
+    (photos / "pano_19.jpg").write_bytes(small_room().panorama)
+    (photos / "pano_2.jpg").write_bytes(second_panorama())
+    address = str(service.http.base_url)
+    arguments = [photos, "--map", room_id, "--out", tmp_path / "out", "--url", address, "--name", "Monday's round"]
+    command = [sys.executable, "-P", "-m", "panoloc.service.cli", "place", *map(str, arguments)]
+    subprocess.run(command, check=True, capture_output=True)
+    page.goto(f"{address}/#/maps/{room_id}")
+    kept = page.get_by_role("list", name="Photos of batches").get_by_role("link")
+    page.get_by_role("combobox", name="Photos").select_option("Monday's round")
+    expect(kept).to_have_count(2)
+    expect(kept.first).to_contain_text("pano_2.jpg")
+    kept.first.click()
+    expect(page.get_by_label("Answer", exact=True)).to_be_visible()
+    page.get_by_role("button", name=STAND_HERE).click()
+    expect(page.get_by_label("From points to photo")).to_be_visible()
+    page.goto(f"{address}/#/batches")
+    batch = page.get_by_role("list", name="Batches").get_by_role("listitem").filter(has_text="Monday's round")
+    expect(batch).to_contain_text("2 photos")
+    expect(batch.locator("img")).to_be_visible()
+
+
+def test_floors_of_a_building_are_shown_one_by_one(page: Page, service: RunningService) -> None:
+    storeys = two_storeys()
+    map_id = service.register(storeys.scan, OPTIONS, "two storeys.ply")
+    page.goto(f"{service.http.base_url}/#/maps/{map_id}")
+    floors = page.get_by_label("Floor", exact=True)
+    floors.select_option("Floor 1 (0.0 m)")
+    assert 1.5 < float(page.get_by_label("Section height").input_value()) < storeys.height_m
+    wait_until_drawn(page, _num_stored_points(service, map_id))
+    page.get_by_role("button", name="Plan", exact=True).click()
+    page.get_by_role("button", name="Measure").click()
+    page.get_by_label("in 3D").press("Enter")
+    assert _figures(page, "Map x, y, z")[2] < storeys.height_m - 0.3
+    floors.select_option(index=1)
+    page.get_by_label("in 3D").press("Enter")
+    assert _figures(page, "Map x, y, z")[2] > storeys.height_m - 0.1
+    page.get_by_role("button", name="Reset").click()
+    expect(floors).to_have_value("1")
+
+
+def _figures(page: Page, name: str) -> list[float]:
+    shown = page.get_by_role("region", name="Measurement").locator(f"dt:text-is('{name}') + dd").inner_text()
+    return [float(value) for value in re.findall(r"-?[0-9]+[.][0-9]+", shown)]
 
 
 def _num_stored_points(service: RunningService, map_id: str) -> int:

@@ -17,7 +17,7 @@ from panoloc.service.errors import QueueFullError, StorageFullError
 from panoloc.service.http.schemas.batches import Batch, BatchPage
 from panoloc.service.jobs import PoolState
 from panoloc.service.storage import FolderStorage
-from tests.core.image.picture_files import encoded, heic, phone_exif, picture
+from tests.core.image.picture_files import encoded, heic, phone_exif, photo_file, picture
 from tests.service.http.fake_pool import no_worker
 from tests.service.http.running_service import SCAN, RunningService, Serve, png_of
 
@@ -113,7 +113,7 @@ async def test_images_that_come_with_their_answers_keep_them_and_only_the_others
 
 async def test_small_copies_of_images_are_upright_and_one_that_is_none_is_refused(running: RunningService) -> None:
     map_id = await running.ready_map()
-    turned = encoded(picture(64, 32), "JPEG", exif=phone_exif(orientation=6))
+    turned = photo_file(picture(64, 32), orientation=6)
     files = [("image", ("a.jpg", turned)), ("image", ("text.png", b"no image at all"))]
     batch_id = (await running.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
     small = await running.client.get(f"/batches/{batch_id}/images/0", params={"max_side": 40})

@@ -262,3 +262,23 @@ async def test_the_time_of_a_registration_follows_what_an_archive_unpacks_to(run
     map_id = (await running.upload(packed.getvalue(), "scan.zip")).json()["id"]
     await running.settled(map_id)
     assert [job.time_limit_s for job in running.pool.registrations] == [RegistrationLimits().seconds(50_000_000)]
+
+
+async def test_a_position_of_a_map_is_told_on_its_grid_and_on_earth(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    at = {"x": 691000.0, "y": 5334000.0, "z": 520.0}
+    nowhere = (await running.client.get(f"/maps/{map_id}/coordinates", params=at)).json()
+    assert nowhere == {"position_m": [691000.0, 5334000.0, 520.0], "grid": None, "wgs84": None}
+    await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": "EPSG:2230"})
+    # A grid in US survey feet; the map's positions are in metres.
+    in_feet = (await running.client.get(f"/maps/{map_id}/coordinates", params={"x": 1.9e6, "y": 6e5, "z": 20})).json()
+    assert in_feet["grid"]["unit"] == "ftUS"
+    assert in_feet["grid"]["east"] == pytest.approx(1.9e6 * 3937 / 1200, abs=0.001)
+    place = {"latitude_deg": 48.0, "longitude_deg": 11.0, "height_m": 500.0, "heading_deg": 90.0}
+    await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": None, "georeference": place})
+    # The y axis points east, so x points south: 111.3 m are 0.001 degrees.
+    found = (await running.client.get(f"/maps/{map_id}/coordinates", params={"x": -111.2, "y": 0, "z": 2})).json()
+    assert found["wgs84"]["latitude_deg"] == pytest.approx(48.001, abs=2e-6)
+    assert found["wgs84"]["longitude_deg"] == pytest.approx(11.0, abs=1e-7)
+    assert found["wgs84"]["height_m"] == pytest.approx(502.0, abs=0.002)
+    assert await running.status("GET", f"/maps/{map_id}/coordinates?x=1&y=2") == 422

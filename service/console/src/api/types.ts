@@ -16,12 +16,7 @@ export type BatchOverview = Schemas["BatchOverview"];
 export type ChangedCell = Schemas["ChangedCell"];
 export type MapChanges = Schemas["MapChanges"];
 export type MapLink = Schemas["MapLink"];
-/** Of a floor that the service detected: its level in the map's own frame, and the clear height above it. */
-export interface Floor {
-  level_m: number;
-  height_m: number | null;
-}
-export type MapStats = Schemas["MapStats"] & { floors?: Floor[] | null };
+export type MapStats = Schemas["MapStats"];
 export type Coordinates = Schemas["Coordinates"];
 export type HandPlacement = Schemas["HandPlacement"];
 export type PlacedPose = Schemas["PlacedPose"];
@@ -37,7 +32,7 @@ export type Problem = Omit<Schemas["ProblemDocument"], "request_id"> & Partial<S
 export type Georeference = Required<Schemas["Georeference"]>;
 
 /** A map of the service: `Map` is a class of JavaScript. */
-export type Place = Omit<Schemas["Map"], "georeference" | "stats"> & { georeference: Georeference | null; stats: MapStats | null };
+export type Place = Omit<Schemas["Map"], "georeference"> & { georeference: Georeference | null };
 
 /** `GET /health`; of `GET /health/ready`, the status alone. */
 export type Health = Pick<Schemas["Health"], "status"> & Partial<Schemas["Health"]>;

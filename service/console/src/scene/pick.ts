@@ -59,7 +59,7 @@ export function distance(a: Vector3, b: Vector3): number {
 }
 
 /** Return the points within `metres`, or `perMetre` times their distance, of a ray. */
-function pointsAround(chunks: readonly PointChunk[], ray: Ray, metres: number, perMetre: number): Near[] {
+export function pointsAround(chunks: readonly PointChunk[], ray: Ray, metres: number, perMetre: number): Near[] {
   const { origin, direction, near, far, cut } = ray;
   const found: Near[] = [];
   const look = (positions: Float32Array, at: number): void => {
