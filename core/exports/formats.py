@@ -77,6 +77,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
         "map": tour.name,
         "north": north_of(format_name, tour),
         "num_photos": len(held.photos),
+        "placed_by_hand": [photo.name for photo in held.photos if photo.is_by_hand],
         "left_out": [{"name": each.name, "reason": each.reason} for each in held.left_out],
     }
     yield ExportedFile("export.json", (json.dumps(summary, indent=1) + "\n").encode())

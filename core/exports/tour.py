@@ -35,7 +35,7 @@ class PlacedPhoto:
     width, height: pixels. is_sphere: a full equirectangular panorama. camera_model, hfov_deg: as in an answer. time_unix_s: when it
     was taken, None where unknown; of a camera whose clock does not name its offset from UTC as if that was none, with is_local_time.
     position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one. is_converted: it
-    was made of the photo, so that an export has to hold it.
+    was made of the photo, so that an export has to hold it. is_by_hand: a person has placed it.
     """
 
     name: str
@@ -52,6 +52,7 @@ class PlacedPhoto:
     orientation_radius_deg: float | None = None
     image: Path | None = None
     is_converted: bool = False
+    is_by_hand: bool = False
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.survey.control_fit import LevelFit, fit_level
 from panoloc.core.earth.geopose import EarthPose, Georeference, earth_pose, ecef_from_enu
 from panoloc.core.earth.georeference import (
     CoordinateSystem,
@@ -20,6 +19,7 @@ from panoloc.core.earth.georeference import (
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.survey.control_csv import ControlPoint
+from panoloc.core.survey.control_fit import LevelFit, fit_level
 
 Array = NDArray[np.float64]
 _FARTHEST_M = 20_000.0  # of points from the origin of a map that a plane stands for

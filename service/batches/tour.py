@@ -102,6 +102,7 @@ def _placed(photo: Photo, answer: Mapping[str, Any]) -> dict[str, Any]:
         "confidence": answer["confidence"],
         "position_radius_m": accuracy.get("position_m"),
         "orientation_radius_deg": accuracy.get("orientation_deg"),
+        "is_by_hand": answer.get("placed_by") == "hand",
     }
 
 

@@ -1,6 +1,7 @@
 """Photos placed by hand over HTTP: solved, refined, confirmed, undone, exported, and refused. A fake pool refines to its own pose."""
 
 import io
+import json
 import math
 import zipfile
 from collections.abc import Callable
@@ -121,7 +122,9 @@ async def test_what_was_placed_is_exported_and_outlives_the_service(serve: Serve
         assert body["counts"]["localized"] == 1
         exported = await running.client.get(f"{batch}/export", params={"format": "tum"})
         assert exported.status_code == 200, exported.text
-        assert "a.png" not in zipfile.ZipFile(io.BytesIO(exported.content)).read("unplaced.txt").decode()
+        with zipfile.ZipFile(io.BytesIO(exported.content)) as archive:
+            assert "a.png" not in archive.read("unplaced.txt").decode()
+            assert json.loads(archive.read("export.json"))["placed_by_hand"] == ["a.png"]
         assert (await running.client.delete(batch)).status_code == 204
         assert not list(running.storage.names("batches"))
 
