@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from panoloc.core.errors import CoreError
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.image.heif_conversion import converted
+from panoloc.core.image.conversion import converted
 from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, image_kind
 from panoloc.core.options import MAX_PIXELS, ScanOptions
 from panoloc.core.scan.from_above import Area, SeenFromAbove, draw_from_above

@@ -15,7 +15,7 @@ from PIL import Image
 
 from panoloc.core.earth.geopose import Georeference
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.image.heif_conversion import converted
+from panoloc.core.image.conversion import converted
 from panoloc.core.image.image_header import IMAGE, image_kind
 from panoloc.core.options import MAX_PIXELS
 

@@ -17,7 +17,7 @@ _MOST_BOXES = 10_000  # of one parent; a phone's photo has a hundred
 
 
 class HeifHeader(ImageFile.ImageFile):
-    """An image of known size that cannot be decoded here: see `panoloc.core.image.heif_conversion`.
+    """An image of known size that cannot be decoded here: see `panoloc.core.image.conversion`.
 
     The size is the largest in the file, which is that of the whole image: others are tiles, thumbnails, depth and gain maps. It is that of
     the image as stored; a quarter turn of the container is not applied.

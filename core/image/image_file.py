@@ -9,7 +9,7 @@ from PIL import Image, ImageOps
 from PIL.ImageFile import ImageFile
 
 from panoloc.core.errors import MaskShapeError, PanoramaTooLargeError
-from panoloc.core.image.heif_conversion import open_decodable
+from panoloc.core.image.conversion import open_decodable
 from panoloc.core.image.image_header import MASK, Upload
 from panoloc.core.image.known_camera import Crop
 

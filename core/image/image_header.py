@@ -23,7 +23,7 @@ ImageKind = Literal["jpeg", "png", "webp", "heic", "avif"]
 KNOWN_FORMATS = "JPEG, PNG, WebP, HEIC or AVIF"
 KIND_BYTES = 64
 CONVERTED_KINDS: tuple[ImageKind, ...] = ("heic", "avif")
-"""Formats that `panoloc.core.image.heif_conversion` converts before anything reads them."""
+"""Formats that `panoloc.core.image.conversion` converts before anything reads them."""
 _BRANDS: dict[ImageKind, frozenset[bytes]] = {
     "avif": frozenset({b"avif", b"avis"}),
     "heic": frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"}),
@@ -69,7 +69,7 @@ def open_images(files: Sequence[bytes], upload: Upload, max_pixels: int) -> list
 
 
 def open_image(data: bytes, upload: Upload, max_pixels: int) -> "ImageFile":
-    """Open an upload without decoding it; for the pixels of HEIC and AVIF see `panoloc.core.image.heif_conversion`.
+    """Open an upload without decoding it; for the pixels of HEIC and AVIF see `panoloc.core.image.conversion`.
 
     Raises its `format_error` for no image, `damaged_error`, or `too_large_error` for more than `max_pixels` pixels.
     """

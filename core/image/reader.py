@@ -16,7 +16,7 @@ from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig
 from panoloc.core.errors import MaskShapeError, PanoramaUnusableError
-from panoloc.core.image.heif_conversion import open_decodable
+from panoloc.core.image.conversion import open_decodable
 from panoloc.core.image.image_file import (
     MIN_HEIGHT,
     check_png_rows,

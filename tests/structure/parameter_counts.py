@@ -15,7 +15,7 @@ _NO_PARAMETERS = {
     "formats of files and frames": (
         *(
             f"core/image/{name}.py:*"
-            for name in ("heif_header", "heif_conversion", "image_file", "image_header", "known_camera")
+            for name in ("heif_header", "conversion", "image_file", "image_header", "known_camera")
         ),
         *("core/map/map_codec.py:*", "core/map/map_index.py:INDEX_VERSION"),
         *("core/geometry/pose.py:_CAMERA_AXES", "core/geometry/pose.py:_MAP_AXES"),

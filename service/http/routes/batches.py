@@ -8,9 +8,8 @@ from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 from fastapi import APIRouter, Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from panoloc.core.image.heif_conversion import converted
+from panoloc.core.image.conversion import converted
 from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, image_kind
-from panoloc.core.image.thumbnail import thumbnail
 from panoloc.core.options import ExportFormat
 from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from panoloc.service.batches.record import BatchRecord
@@ -79,12 +78,9 @@ async def get_image(
             f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
         )
     data = await services.batches.image(batch_id, number)
-    if max_side is not None:
+    if max_side is not None or image_kind(data) in CONVERTED_KINDS:
         async with services.export_turns:
-            data = await asyncio.to_thread(thumbnail, data, IMAGE, services.settings.max_pixels, max_side)
-    elif image_kind(data) in CONVERTED_KINDS:
-        async with services.export_turns:
-            data = await asyncio.to_thread(converted, data, IMAGE, services.settings.max_pixels)
+            data = await asyncio.to_thread(converted, data, IMAGE, services.settings.max_pixels, max_side)
     kind = image_kind(data)
     media_type = f"image/{kind}" if kind else "application/octet-stream"
     headers = {"Cache-Control": "private, max-age=3600, immutable", "X-Content-Type-Options": "nosniff"}

@@ -14,7 +14,7 @@ from panoloc.core.errors import (
     PanoramaFormatError,
     PanoramaTooLargeError,
 )
-from panoloc.core.image.heif_conversion import converted
+from panoloc.core.image.conversion import converted
 from panoloc.core.image.image_header import IMAGE, MASK, open_image
 from panoloc.core.image.reader import read_image
 from panoloc.core.options import MAX_PIXELS

@@ -1,7 +1,8 @@
-"""HEIC and AVIF files as JPEG, so that everything behind sees what it sees of other photos: `python -m panoloc.core.image.heif_conversion`.
+"""HEIC and AVIF files as JPEG, so that everything behind sees what it sees of other photos, and small copies of any image for lists.
 
-Their decoders are native code, and three changed bytes have crashed one. So a process of its own decodes each file, within limits; what it
-writes is read like any upload. The JPEG is upright and keeps EXIF, XMP and colour profile. An image with an alpha channel becomes a PNG.
+Their decoders are native code, and three changed bytes have crashed one. So a process of its own decodes each file, within limits:
+`python -m panoloc.core.image.conversion`. What it writes is read like any upload. The JPEG is upright and keeps EXIF, XMP and colour
+profile, which small copies do not. An image with an alpha channel becomes a PNG.
 """
 
 import io
@@ -11,7 +12,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from panoloc.core.image.heif_header import HEIF
-from panoloc.core.image.image_header import Upload, image_kind, open_image
+from panoloc.core.image.image_header import CONVERTED_KINDS, Upload, image_kind, open_image
 from panoloc.core.sandbox import SandboxLimits, refuse_system_calls, sandbox_environment, take_limits
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
 _LIMITS = SandboxLimits(memory_bytes=4 << 30, cpu_s=60)  # 100 megapixels take 1.4 GB and 4 s
-_QUALITY = 95
+_QUALITY, _SMALL_QUALITY = 95, 82
 _EXIF_IFD, _MAKER_NOTE = 0x8769, 0x927C
 _MOST_XMP_BYTES = 65_000  # of a segment of a JPEG
 _TOO_LARGE, _DAMAGED = 3, 4
@@ -37,11 +38,15 @@ def open_decodable(data: bytes, upload: Upload, max_pixels: int) -> tuple[bytes,
     return data, open_image(data, upload, max_pixels)
 
 
-def converted(data: bytes, upload: Upload, max_pixels: int) -> bytes:
-    """Return a HEIC or AVIF file as a JPEG or PNG. Raises the upload's `damaged_error` or `too_large_error`."""
+def converted(data: bytes, upload: Upload, max_pixels: int, max_side: int | None = None) -> bytes:
+    """Return a HEIC or AVIF file as a JPEG or PNG; with `max_side`, in pixels, any image as an upright JPEG no larger than that.
+
+    Raises the upload's `damaged_error` or `too_large_error`.
+    """
+    sizes = [str(size) for size in (max_pixels, max_side) if size is not None]
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-m", "panoloc.core.image.heif_conversion", str(max_pixels)],
+            [sys.executable, "-P", "-m", "panoloc.core.image.conversion", *sizes],
             input=data,
             capture_output=True,
             env=sandbox_environment(),
@@ -87,6 +92,24 @@ def _convert(data: bytes, max_pixels: int) -> bytes:
     return out.getvalue()
 
 
+def _small(data: bytes, max_pixels: int, max_side: int) -> bytes:
+    """Return a small copy; of a JPEG only as much as that needs is decoded."""
+    from PIL import Image, ImageOps
+
+    if image_kind(data) in CONVERTED_KINDS:
+        data = _convert(data, max_pixels)
+    Image.MAX_IMAGE_PIXELS = None
+    with Image.open(io.BytesIO(data)) as opened:
+        if opened.width * opened.height > max_pixels:
+            raise MemoryError(f"{opened.width:,} x {opened.height:,}")
+        opened.draft("RGB", (max_side, max_side))
+        upright = ImageOps.exif_transpose(opened)
+    upright.thumbnail((max_side, max_side))
+    out = io.BytesIO()
+    upright.convert("RGB").save(out, "JPEG", quality=_SMALL_QUALITY)
+    return out.getvalue()
+
+
 def _exif(image: "Image.Image") -> bytes:
     """Return the EXIF data without the maker's own, which can be too large for a JPEG; none where they are damaged."""
     try:
@@ -103,7 +126,8 @@ def main() -> int:
     take_limits(_LIMITS)
     refuse_system_calls()
     try:
-        sys.stdout.buffer.write(_convert(data, int(sys.argv[1])))
+        max_pixels, *max_side = map(int, sys.argv[1:])
+        sys.stdout.buffer.write(_small(data, max_pixels, *max_side) if max_side else _convert(data, max_pixels))
     except MemoryError as error:
         print(error or "more than its decoder may take", file=sys.stderr)
         return _TOO_LARGE
