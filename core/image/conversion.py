@@ -41,8 +41,10 @@ def open_decodable(data: bytes, upload: Upload, max_pixels: int) -> tuple[bytes,
 def converted(data: bytes, upload: Upload, max_pixels: int, max_side: int | None = None) -> bytes:
     """Return a HEIC or AVIF file as a JPEG or PNG; with `max_side`, in pixels, any image as an upright JPEG no larger than that.
 
-    Raises the upload's `damaged_error` or `too_large_error`.
+    Raises the upload's `damaged_error` or `too_large_error`; of a small copy as `open_image` does, too.
     """
+    if max_side is not None:
+        open_image(data, upload, max_pixels)
     sizes = [str(size) for size in (max_pixels, max_side) if size is not None]
     try:
         done = subprocess.run(
