@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from panoloc.service.http.schemas.maps import MapChanges
+from panoloc.service.host import written_files
 from panoloc.service.jobs import ChangePhoto, LocalizeJob, LocalizeOutcome
-from panoloc.service.maps import changed_objects
 from panoloc.service.maps.changed_objects import floor_of
 from tests.service.http.fake_pool import outcome_of
 from tests.service.http.running_service import RunningService, png_of
@@ -60,7 +60,7 @@ def questions(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, object]]:
             archive.writestr(f"{OBJECT['id']}.jpg", b"picture")
         return 0, ""
 
-    monkeypatch.setattr(changed_objects, "run_module", run)
+    monkeypatch.setattr(written_files, "run_module", run)
     return asked
 
 
