@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from panoloc.core.changes.evidence import photo_evidence
-from panoloc.core.changes.network import VoxelNetwork, write_weights
+from panoloc.core.changes.network import WEIGHTS, VoxelNetwork, write_weights
 from panoloc.core.changes.voxels import COLOR_FEATURES, VoxelGrid, voxel_features
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
@@ -41,6 +41,9 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--rooms", type=int, default=300)
     parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument(
+        "--weights", type=Path, default=WEIGHTS, help="where to write them; those of the package by default"
+    )
     given = parser.parse_args(arguments)
     given.folder.mkdir(parents=True, exist_ok=True)
     for seed in range(_FIRST_SEED, _FIRST_SEED + given.rooms):
@@ -48,7 +51,7 @@ def main(arguments: Sequence[str]) -> int:
         if not path.exists():
             features, labels, ways = described_room(seed)
             np.savez(path, f=features.astype(np.float16), l=labels, o=ways.astype(np.float16))
-    write_weights(fitted(sorted(given.folder.glob("*.npz")), given.minutes))
+    write_weights(fitted(sorted(given.folder.glob("*.npz")), given.minutes), given.weights)
     return 0
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from panoloc.service.http.schemas.maps import MapChanges
 from panoloc.service.host import written_files
+from panoloc.service.http.schemas.maps import MapChanges
 from panoloc.service.jobs import ChangePhoto, LocalizeJob, LocalizeOutcome
 from panoloc.service.maps.changed_objects import floor_of
 from tests.service.http.fake_pool import outcome_of
@@ -27,6 +27,7 @@ OBJECT = {
     "from_m": None,
     "seen_from_m": [0.0, 0.0, 1.5],
     "certainty": 0.8,
+    "is_sure": True,
     "num_photos": 1,
     "first_seen_at": "2026-11-21T12:00:00Z",
     "last_seen_at": "2026-11-21T12:00:00Z",
