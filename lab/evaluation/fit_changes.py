@@ -114,6 +114,10 @@ def fitted(paths: Sequence[Path], minutes: float) -> VoxelNetwork:
     for module in network.modules():
         if isinstance(module, nn.Conv3d):
             nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+    nn.init.normal_(network.last.weight, std=0.02)
+    bias = torch.zeros(len(network.last.weight))
+    bias[[0, 4]] = -3.0  # logits: nearly no voxel belongs to a change
+    network.last.bias = nn.Parameter(bias)
     optimizer = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=1e-4)
     began, share, step = time.monotonic(), 0.0, 0
     while share < 1:

@@ -88,9 +88,11 @@ def draw_plan(cloud: PointCloud, objects: Sequence[dict[str, Any]]) -> bytes:
 def count_words(objects: Sequence[dict[str, Any]]) -> str:
     """Return how many objects changed for sure, and how many perhaps."""
     sure = [each["kind"] for each in objects if each["is_sure"]]
-    counts = [f"{sure.count(kind)} {word}" for kind, word in WORDS.items()]
+    counts = [f"{sure.count(kind)} {word}" for kind, word in WORDS.items() if kind in sure]
     unsure = len(objects) - len(sure)
-    return ", ".join(counts) + (f"; {unsure} unsure: look at their pictures" if unsure else "")
+    return (", ".join(counts) or "Nothing changed for sure") + (
+        f"; {unsure} unsure: look at their pictures" if unsure else ""
+    )
 
 
 def kind_words(each: dict[str, Any]) -> str:
