@@ -20,6 +20,7 @@ from PIL import Image
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.changes.crops import crop_pair, encode_jpeg
 from panoloc.core.changes.finding import Change, DatedPhoto, find_changes
+from panoloc.core.config import CHANGES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud, point_spacing
 from panoloc.core.scan.point_cloud import PointCloud
@@ -52,6 +53,7 @@ def object_document(change: Change, photos: Sequence[DatedPhoto]) -> dict[str, A
         "from_m": None if change.from_center is None else _rounded(change.from_center),
         "seen_from_m": _rounded(photos[change.photos[0]].pose.position),
         "certainty": round(change.certainty, 3),
+        "is_sure": change.certainty >= CHANGES.sure,
         "num_photos": len(times),
         "first_seen_at": min(times).isoformat().replace("+00:00", "Z"),
         "last_seen_at": max(times).isoformat().replace("+00:00", "Z"),

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from panoloc.core.changes.voxels import NUM_FEATURES
 
-_WEIGHTS = Path(__file__).with_name("weights.npz")
+WEIGHTS = Path(__file__).with_name("weights.npz")
 _WIDTHS = 12, 24, 40
 _OUTPUTS = 8  # of what went and of what came: a logit, and the way to the middle in metres along x, y and z
 
@@ -42,10 +42,10 @@ class VoxelNetwork(nn.Module):
         return out.view(len(out), 2, 4, *out.shape[2:])
 
 
-def fitted_network() -> VoxelNetwork:
+def fitted_network(path: Path = WEIGHTS) -> VoxelNetwork:
     """Return the network with the weights that come with the package."""
     network = VoxelNetwork()
-    with np.load(_WEIGHTS) as stored:
+    with np.load(path) as stored:
         weights = {name: torch.from_numpy(stored[name].astype(np.float32)) for name in stored.files}
     network.load_state_dict(weights, strict=False)  # without the counts of what it was fitted on
     return network.eval()
@@ -58,7 +58,7 @@ def _convolutions(inputs: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-def write_weights(network: VoxelNetwork) -> None:
-    """Put a fitted network in the place of the one that comes with the package, in half precision."""
+def write_weights(network: VoxelNetwork, path: Path = WEIGHTS) -> None:
+    """Write a fitted network in half precision; by default in the place of the one that comes with the package."""
     state = {name: value.numpy() for name, value in network.state_dict().items() if "num_batches" not in name}
-    np.savez_compressed(_WEIGHTS, **{name: value.astype(np.float16) for name, value in state.items()})
+    np.savez_compressed(path, **{name: value.astype(np.float16) for name, value in state.items()})

@@ -39,6 +39,7 @@ class ObjectChangesConfig:
     # Log odds that what is found did change: a constant, and weights of mean likelihood, of photos that saw it (up to four) and of the
     # logarithm of voxels. Logistic regression on development seeds.
     certainty: tuple[float, float, float, float] = (-2.3, 3.4, 0.08, 0.11)
+    sure: float = 0.65  # certainty from which on a change is stated; below, it is unsure (docs/evaluation.md)
 
 
 CHANGES = ObjectChangesConfig()

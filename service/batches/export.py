@@ -1,8 +1,6 @@
 """Exports and plans of a batch, each written by a process of its own, because that needs numpy and the photos."""
 
 import asyncio
-import json
-import os
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -15,15 +13,12 @@ from panoloc.core.options import ExportFormat
 from panoloc.core.scan.format_detection import detect_format
 from panoloc.service.batches.record import BatchRecord, image_key
 from panoloc.service.batches.tour import Photo, maps_of, overview_document, tour_document, why_left_out
-from panoloc.service.errors import ExportFailedError, StoredFileMissingError
-from panoloc.service.host.child_processes import run_module
-from panoloc.service.jobs import Result, new_id
+from panoloc.service.errors import StoredFileMissingError
+from panoloc.service.host.written_files import written_file
+from panoloc.service.jobs import Result
 from panoloc.service.maps.reading import is_in_map_frame
 from panoloc.service.maps.record import MapRecord, key_of, map_document
 from panoloc.service.storage import Storage
-
-REFUSED = 3
-"""Exit code of `panoloc.core.exports` for what cannot be written in a format."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +53,9 @@ async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord 
     """
     with ExitStack() as stack:
         document = await asyncio.to_thread(_tour_document, storage, wanted, place, stack)
-        return await _written(storage, "panoloc.core.exports", document, (wanted.format,), ".zip", time_s)
+        return await written_file(
+            storage, "panoloc.core.exports", document, wanted.format, suffix=".zip", time_s=time_s
+        )
 
 
 async def draw_plan(
@@ -76,7 +73,9 @@ async def draw_plan(
     with ExitStack() as stack:
         photos = [Photo(name, None, results.get(number)) for number, name in enumerate(record.names)]
         document = overview_document(map_id, await asyncio.to_thread(_points, storage, place, stack), photos)
-        with await _written(storage, "panoloc.core.exports.overview", document, (), ".png", time_s) as picture:
+        with await written_file(
+            storage, "panoloc.core.exports.overview", document, suffix=".png", time_s=time_s
+        ) as picture:
             return await asyncio.to_thread(picture.read)
 
 
@@ -121,28 +120,3 @@ def _copy(storage: Storage, key: str, stack: ExitStack, checked: bool = True) ->
         return stack.enter_context(storage.local_copy(key, checked=checked))
     except StoredFileMissingError:
         return None
-
-
-async def _written(
-    storage: Storage, module: str, document: dict[str, Any], options: tuple[str, ...], suffix: str, time_s: float
-) -> BinaryIO:
-    """Return what a module of `panoloc.core.exports` writes of a document, as an open file without a name."""
-    folder = await asyncio.to_thread(storage.spool_folder)
-    source, target = folder / new_id("document"), folder / f"{new_id('export')}{suffix}"
-    # It opens photos and scans of strangers, and needs no token of Ray for that.
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("RAY_", "PANOLOC_"))}
-    try:
-        await asyncio.to_thread(source.write_text, json.dumps(document), encoding="utf-8")
-        code, message = await run_module(
-            module, str(source), *options, str(target), environment=environment, time_s=time_s
-        )
-        if code == REFUSED:
-            raise ExportRefusedError(message)
-        if code != 0:
-            raise ExportFailedError(f"the export process ended with exit code {code}: {message}")
-        return target.open("rb")
-    except TimeoutError as error:
-        raise ExportFailedError(f"expected an export within {time_s:g} s, got none; export fewer photos") from error
-    finally:
-        for path in (source, target):
-            path.unlink(missing_ok=True)

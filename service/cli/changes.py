@@ -60,5 +60,6 @@ def _table(objects: list[JsonObject]) -> Table:
         if each["from_m"] is not None:
             place += " from " + ", ".join(f"{value:.2f}" for value in each["from_m"])
         size = " x ".join(f"{value:.2f}" for value in each["size_m"])
-        table.add_row(each["id"], each["kind"], place, size, f"{each['certainty']:.0%}", str(each["num_photos"]))
+        kind = each["kind"] if each["is_sure"] else f"{each['kind']}?"
+        table.add_row(each["id"], kind, place, size, f"{each['certainty']:.0%}", str(each["num_photos"]))
     return table

@@ -7,7 +7,6 @@ lately stays in memory: the same photos show the same objects.
 import asyncio
 import io
 import json
-import os
 import zipfile
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -17,8 +16,8 @@ from typing import Any
 
 from panoloc.core.options import ReportFormat
 from panoloc.service.answer import Document
-from panoloc.service.errors import ExportFailedError, StoredFileMissingError
-from panoloc.service.host.child_processes import run_module
+from panoloc.service.errors import StoredFileMissingError
+from panoloc.service.host.written_files import written_file
 from panoloc.service.jobs import MapRef, new_id
 from panoloc.service.maps.record import key_of
 from panoloc.service.storage import Storage
@@ -106,24 +105,9 @@ class ChangedObjects:
         return str(stack.enter_context(self._storage.local_copy(key)))
 
     async def _written(self, module: str, document: Document, *options: str) -> bytes:
-        """Return what a module of `panoloc.core.changes` writes of a document."""
-        folder = await asyncio.to_thread(self._storage.spool_folder)
-        source, target = folder / new_id("document"), folder / new_id("changes")
-        environment = {name: value for name, value in os.environ.items() if not name.startswith(("RAY_", "PANOLOC_"))}
-        try:
-            await asyncio.to_thread(source.write_text, json.dumps(document), encoding="utf-8")
-            async with self._turns:
-                code, message = await run_module(
-                    module, str(source), *options, str(target), environment=environment, time_s=_TIME_S
-                )
-            if code != 0:
-                raise ExportFailedError(f"the process that looks for changes ended with exit code {code}: {message}")
-            return await asyncio.to_thread(target.read_bytes)
-        except TimeoutError as error:
-            raise ExportFailedError(f"expected the changes within {_TIME_S:g} s; ask for a shorter period") from error
-        finally:
-            for path in (source, target):
-                path.unlink(missing_ok=True)
+        async with self._turns:
+            with await written_file(self._storage, module, document, *options, time_s=_TIME_S) as file:
+                return await asyncio.to_thread(file.read)
 
 
 def floor_of(placed: Mapping[str, Any], stats: Mapping[str, Any]) -> int | None:

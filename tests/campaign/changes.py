@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.changes.evidence import photo_evidence
 from panoloc.core.changes.finding import Change, DatedPhoto, find_changes
+from panoloc.core.config import CHANGES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions, project
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
@@ -57,18 +58,20 @@ class Measured:
 
 def changes(num_rooms: int, first_seed: int = FIRST_SEED) -> Outcome:
     """Measure rooms. Recall, precision or area below what is promised is a fault."""
-    outcome, began, counts = Outcome("changes"), time.monotonic(), Measured()
+    outcome, began, counts, sure = Outcome("changes"), time.monotonic(), Measured(), Measured()
     errors_m, areas = list[float](), list[float]()
     for seed in range(first_seed, first_seed + num_rooms):
         room = make_changed_room(seed)
         found = find_changes(room.cloud, photos_of(room, seed))
         errors_m += compare(found, room.objects, counts)
+        compare([each for each in found if each.certainty >= CHANGES.sure], room.objects, sure)
         areas.append(pixel_area(room))
         print(f"room {seed}: so far recall {counts.recall:.3f}, precision {counts.precision:.3f}", file=sys.stderr)
     outcome.cases, outcome.seconds = num_rooms, time.monotonic() - began
     outcome.figures = {
         "recall": f"{counts.recall:.3f} of {counts.expected}",
         "precision": f"{counts.precision:.3f} of {counts.said}",
+        "sure: recall, precision": f"{sure.recall:.3f}, {sure.precision:.3f} of {sure.said}",
         "centre off": f"{float(np.mean(errors_m or [np.nan])):.2f} m",
         "moved as moved": f"{counts.moved_found} of {counts.moved}",
         "pixel AUC": f"{np.mean(areas):.3f} ({min(areas):.3f} to {max(areas):.3f})",

@@ -9,7 +9,7 @@ import numpy as np
 from panoloc.core.geometry.pose import Pose, PoseError, pose_error
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.lab.rooms import Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
+from panoloc.lab.rooms import Scene, SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
 from tests.core.image.picture_files import encoded
 
 # A dozen starts suffice for a room of 12 m².
@@ -77,5 +77,12 @@ def second_panorama() -> bytes:
     return _panorama_from(sample_pose(room_scene(), np.random.default_rng(2)))
 
 
-def _panorama_from(pose: Pose) -> bytes:
-    return encoded(take_panorama(room_scene(), pose, 512).color, "JPEG", quality=92)
+@cache
+def rearranged_panoramas() -> tuple[bytes, ...]:
+    """Return JPEGs taken after most of the furniture was moved, taken away or exchanged."""
+    scene = change_scene(room_scene(), seed=3)
+    return tuple(_panorama_from(sample_pose(scene, np.random.default_rng(seed)), scene) for seed in (1, 2))
+
+
+def _panorama_from(pose: Pose, scene: Scene | None = None) -> bytes:
+    return encoded(take_panorama(scene or room_scene(), pose, 512).color, "JPEG", quality=92)

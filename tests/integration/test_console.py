@@ -41,6 +41,7 @@ from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import (
     OPTIONS,
     dense_scan,
+    rearranged_panoramas,
     room_scene,
     second_panorama,
     small_room,
@@ -148,6 +149,39 @@ def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
     page.get_by_role("button", name="Changes").click()
     kept = page.get_by_label("Answers that count, newest first").get_by_role("listitem")
     expect(kept.first).to_contain_text("%")
+    assert serious_faults(page) == []
+
+
+def test_objects_that_changed_are_listed_with_pictures_and_reports(
+    page: Page, service: RunningService, tmp_path: Path
+) -> None:
+    map_id = service.register(small_room().scan, OPTIONS)
+    files = [("image", (f"{number}.jpg", data)) for number, data in enumerate(rearranged_panoramas())]
+    batch_id = service.http.post("/batches", files=files, data={"map_id": map_id}).json()["id"]
+    assert eventually(lambda: service.http.get(f"/batches/{batch_id}").json()["status"] == "done", 240)
+    objects = service.http.get(f"/maps/{map_id}/changes").json()["objects"]
+    assert {each["is_sure"] for each in objects} == {True, False}
+    page.goto(f"{service.http.base_url}/#/maps/{map_id}")
+    page.get_by_role("button", name="Changes").click()
+    for label, is_sure in (("Objects that changed, the surest first", True), ("Objects that may have changed", False)):
+        shown = page.get_by_role("list", name=label)
+        if not is_sure:
+            page.get_by_text("unsure").click()
+        expect(shown.get_by_role("listitem")).to_have_count(sum(each["is_sure"] is is_sure for each in objects))
+        shown.get_by_role("button").first.click()
+        picture = shown.get_by_role("img", name="Photo on the left, scan on the right")
+        expect(picture).to_be_visible()
+        assert picture.evaluate("image => image.decode().then(() => image.naturalWidth)") == 644
+        assert serious_faults(page) == []
+    begins = {"pdf": b"%PDF-", "html": b"<!doctype html>", "csv": b"number,id", "geojson": b"{", "bcf": b"PK"}
+    for wanted, first in begins.items():
+        page.get_by_label("Report").select_option(wanted)
+        with page.expect_download() as report:
+            page.get_by_role("button", name="Download report").click()
+        report.value.save_as(file := tmp_path / wanted)
+        assert file.read_bytes().startswith(first)
+    page.goto((tmp_path / "html").replace(tmp_path / "report.html").as_uri())
+    expect(page.get_by_role("img", name="Photo and scan of change")).to_have_count(len(objects))
     assert serious_faults(page) == []
 
 

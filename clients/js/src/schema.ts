@@ -907,6 +907,11 @@ export interface components {
              */
             certainty: number;
             /**
+             * Is Sure
+             * @description False where the certainty is too low to state the change: look at the picture, or leave it out.
+             */
+            is_sure: boolean;
+            /**
              * Num Photos
              * @description Photos that saw the change. With one, its place is a guess along the line of sight.
              */

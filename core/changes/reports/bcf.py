@@ -9,7 +9,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 from PIL import Image
 
-from panoloc.core.changes.reports.report import WORDS, ChangeReport, place_words, size_words
+from panoloc.core.changes.reports.report import ChangeReport, kind_words, place_words, size_words
 
 _NAMES = uuid.UUID("0d0a3a52-7a94-5d1e-9f0c-3c2d5f1f6b11")  # of topics: the same object keeps its own
 _AUTHOR = "panoloc"
@@ -38,9 +38,11 @@ def as_bcf(report: ChangeReport) -> bytes:
 def _markup(number: int, each: dict[str, Any], topic: str, view: str, has_picture: bool) -> bytes:
     root = Xml.Element("Markup")
     about = Xml.SubElement(root, "Topic", Guid=topic, TopicType="Change", TopicStatus="Open")
-    _add(about, "Title", f"{number}. {WORDS[each['kind']]}, {size_words(each['size_m'])}")
+    _add(about, "Title", f"{number}. {kind_words(each)}, {size_words(each['size_m'])}")
     _add(about, "Index", str(number))
     _add(about, "Labels", each["kind"])
+    if not each["is_sure"]:
+        _add(about, "Labels", "unsure")
     _add(about, "CreationDate", each["last_seen_at"])
     _add(about, "CreationAuthor", _AUTHOR)
     before = "" if each["from_m"] is None else f", from {place_words(each['from_m'])}"

@@ -7,7 +7,7 @@ from fpdf import FPDF
 from fpdf.fonts import FontFace
 from PIL import Image
 
-from panoloc.core.changes.reports.report import COLORS, WORDS, ChangeReport, place_words, size_words
+from panoloc.core.changes.reports.report import ChangeReport, color_of, count_words, kind_words, place_words, size_words
 
 _MARGIN_MM = 15.0
 _WIDTH_MM = 210.0 - 2 * _MARGIN_MM
@@ -43,10 +43,9 @@ class _Pages(FPDF):
 def _first_page(pdf: FPDF, report: ChangeReport) -> None:
     pdf.set_font("helvetica", "B", 18)
     pdf.multi_cell(0, 9, _latin(f"Changes in {report.title}"), new_x="LMARGIN", new_y="NEXT")
-    counts = ", ".join(f"{sum(each['kind'] == kind for each in report.objects)} {WORDS[kind]}" for kind in COLORS)
     system = "" if report.coordinate_system is None else f" ({report.coordinate_system[:60]})"
     pdf.set_font("helvetica", size=10)
-    pdf.multi_cell(0, 5.5, _latin(f"{counts}. {report.period}"), new_x="LMARGIN", new_y="NEXT")
+    pdf.multi_cell(0, 5.5, _latin(f"{count_words(report.objects)}. {report.period}"), new_x="LMARGIN", new_y="NEXT")
     pdf.set_text_color(110)
     note = f"Made {report.made_at}. Positions are metres in the map's own frame{system}."
     pdf.multi_cell(0, 5.5, _latin(note), new_x="LMARGIN", new_y="NEXT")
@@ -76,7 +75,7 @@ def _first_page(pdf: FPDF, report: ChangeReport) -> None:
             before = "" if each["from_m"] is None else f"\nfrom {place_words(each['from_m'])}"
             place = place_words(each["center_m"]) + before
             seen = f"{each['certainty']:.0%}", str(each["num_photos"])
-            table.row((str(number), WORDS[each["kind"]], place, size_words(each["size_m"]), floor, *seen))
+            table.row((str(number), kind_words(each), place, size_words(each["size_m"]), floor, *seen))
 
 
 def _one(pdf: FPDF, number: int, each: dict[str, Any], picture: bytes) -> None:
@@ -86,8 +85,8 @@ def _one(pdf: FPDF, number: int, each: dict[str, Any], picture: bytes) -> None:
         pdf.add_page()
     pdf.ln(4)
     pdf.set_font("helvetica", "B", 11)
-    pdf.set_text_color(*COLORS[each["kind"]])
-    pdf.cell(0, 6, f"{number}. {WORDS[each['kind']]}, {size_words(each['size_m'])}", new_x="LMARGIN", new_y="NEXT")
+    pdf.set_text_color(*color_of(each))
+    pdf.cell(0, 6, f"{number}. {kind_words(each)}, {size_words(each['size_m'])}", new_x="LMARGIN", new_y="NEXT")
     pdf.set_text_color(0)
     pdf.set_font("helvetica", size=9)
     pdf.image(io.BytesIO(picture), w=_PICTURE_MM, alt_text=f"Photo and scan of change {number}")

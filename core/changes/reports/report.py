@@ -14,6 +14,7 @@ from panoloc.core.scan.point_cloud import PointCloud
 
 COLORS = {"came": (24, 128, 56), "went": (200, 40, 36), "moved": (26, 86, 196)}
 WORDS = {"came": "new", "went": "gone", "moved": "moved"}
+_UNSURE = (110, 110, 110)
 _PLAN_PX = 1400
 
 
@@ -70,7 +71,7 @@ def draw_plan(cloud: PointCloud, objects: Sequence[dict[str, Any]]) -> bytes:
     for number, each in enumerate(objects, 1):
         center, half = np.array(each["center_m"]) - offset, np.array(each["size_m"]) / 2
         (x0, y1), (x1, y0) = seen.pixels_of(np.stack((center - half, center + half))).tolist()
-        color = COLORS[each["kind"]]
+        color = color_of(each)
         if each["from_m"] is not None:
             (u, v), (x, y) = seen.pixels_of(np.stack((np.array(each["from_m"]) - offset, center))).tolist()
             pen.line((u, v, x, y), fill=color, width=4)
@@ -82,6 +83,26 @@ def draw_plan(cloud: PointCloud, objects: Sequence[dict[str, Any]]) -> bytes:
     buffer = io.BytesIO()
     faded.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
+
+
+def count_words(objects: Sequence[dict[str, Any]]) -> str:
+    """Return how many objects changed for sure, and how many perhaps."""
+    sure = [each["kind"] for each in objects if each["is_sure"]]
+    counts = [f"{sure.count(kind)} {word}" for kind, word in WORDS.items() if kind in sure]
+    unsure = len(objects) - len(sure)
+    return (", ".join(counts) or "Nothing changed for sure") + (
+        f"; {unsure} unsure: look at their pictures" if unsure else ""
+    )
+
+
+def kind_words(each: dict[str, Any]) -> str:
+    """Return what happened to an object."""
+    return WORDS[each["kind"]] if each["is_sure"] else f"{WORDS[each['kind']]}?"
+
+
+def color_of(each: dict[str, Any]) -> tuple[int, int, int]:
+    """Return the colour (RGB) of an object in plan and list; what is unsure is grey."""
+    return COLORS[each["kind"]] if each["is_sure"] else _UNSURE
 
 
 def place_words(position_m: Sequence[float]) -> str:

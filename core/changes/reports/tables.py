@@ -13,7 +13,7 @@ from panoloc.core.geometry.pose import Pose
 
 _COLUMNS = (
     "number", "id", "kind", "x_m", "y_m", "z_m", "width_m", "depth_m", "height_m", "from_x_m", "from_y_m", "from_z_m", "floor", "certainty",
-    "photos", "first_seen_at", "last_seen_at",
+    "is_sure", "photos", "first_seen_at", "last_seen_at",
 )  # fmt: skip
 
 
@@ -27,7 +27,9 @@ def as_csv(report: ChangeReport) -> bytes:
         numbers = (*each["center_m"], *each["size_m"], *before)
         seen = each["num_photos"], each["first_seen_at"], each["last_seen_at"]
         floor = "" if each["floor"] is None else each["floor"]
-        writer.writerow((number, each["id"], each["kind"], *numbers, floor, each["certainty"], *seen))
+        writer.writerow(
+            (number, each["id"], each["kind"], *numbers, floor, each["certainty"], int(each["is_sure"]), *seen)
+        )
     return text.getvalue().encode()
 
 

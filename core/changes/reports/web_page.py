@@ -4,7 +4,7 @@ import base64
 from html import escape
 from typing import Any
 
-from panoloc.core.changes.reports.report import COLORS, WORDS, ChangeReport, place_words, size_words
+from panoloc.core.changes.reports.report import ChangeReport, color_of, count_words, kind_words, place_words, size_words
 
 _STYLE = """
 :root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
@@ -24,9 +24,6 @@ def as_html(report: ChangeReport) -> bytes:
     """Return the page."""
     rows = "".join(_row(number, each) for number, each in enumerate(report.objects, 1))
     parts = "".join(_section(report, number, each) for number, each in enumerate(report.objects, 1))
-    counts = ", ".join(
-        f"{sum(each['kind'] == kind for each in report.objects)} {WORDS[kind]}" for kind in ("came", "went", "moved")
-    )
     head = "<tr><th>#</th><th>Change</th><th>Place x, y, z (m)</th><th>Size</th><th>Floor</th><th>Certainty</th><th>Photos</th></tr>"
     table = f'<div class="wide"><table>{head}{rows}</table></div>' if rows else "<p>No change was found.</p>"
     title = escape(report.title)
@@ -34,7 +31,7 @@ def as_html(report: ChangeReport) -> bytes:
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Changes in {title}</title><style>{_STYLE}</style>
 <h1>Changes in {title}</h1>
-<p>{counts}. {escape(report.period)}</p>
+<p>{count_words(report.objects)}. {escape(report.period)}</p>
 <p class="soft">Made {escape(report.made_at)}. Positions are metres in the map's own frame{_system(report)}.</p>
 <img alt="Plan of {title} with the numbered changes" src="data:image/png;base64,{_base64(report.plan)}">
 <h2>List</h2>
@@ -68,8 +65,8 @@ def _section(report: ChangeReport, number: int, each: dict[str, Any]) -> str:
 
 
 def _kind(each: dict[str, Any]) -> str:
-    red, green, blue = COLORS[each["kind"]]
-    return f'<span class="kind" style="background: rgb({red} {green} {blue})">{WORDS[each["kind"]]}</span>'
+    red, green, blue = color_of(each)
+    return f'<span class="kind" style="background: rgb({red} {green} {blue})">{kind_words(each)}</span>'
 
 
 def _system(report: ChangeReport) -> str:

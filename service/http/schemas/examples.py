@@ -145,6 +145,7 @@ CHANGES_EXAMPLE: dict[str, Any] = {
             "from_m": [0.61, 1.2, 0.44],
             "floor": 0,
             "certainty": 0.91,
+            "is_sure": True,
             "num_photos": 3,
             "seen_from_m": [1.2, 0.3, 1.5],
             "first_seen_at": "2026-11-21T12:00:00Z",

@@ -359,6 +359,9 @@ class ObjectChange(ResponseModel):
         le=1,
         description="How probable it is that this object changed. More photos and stronger contrast make it surer.",
     )
+    is_sure: bool = Field(
+        description="False where the certainty is too low to state the change: look at the picture, or leave it out."
+    )
     num_photos: int = Field(
         ge=1, description="Photos that saw the change. With one, its place is a guess along the line of sight."
     )

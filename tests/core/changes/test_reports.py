@@ -35,6 +35,7 @@ def changed(number: int, kind: str, **others: Any) -> dict[str, Any]:
         "floor": 0,
         "seen_from_m": beside(0, 0, 1.5),
         "certainty": 0.8,
+        "is_sure": True,
         "num_photos": 2,
         "first_seen_at": "2026-11-21T12:00:00Z",
         "last_seen_at": "2026-11-21T12:00:00Z",
@@ -46,11 +47,12 @@ OBJECTS = [
     changed(1, "came"),
     changed(2, "went"),
     changed(3, "moved", from_m=beside(0.5, 2.0, 0.5)),
+    changed(4, "came", certainty=0.4, is_sure=False),
 ]
 
 
 def report(folder: Path, wanted: str, system: str | None = "EPSG:25832") -> bytes:
-    """Return a report of three changes in a room of 4 m."""
+    """Return a report of four changes, of which one is unsure, in a room of 4 m."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0, 4, (4000, 3)).astype(np.float32) * (1, 1, 0.6)
     cloud = PointCloud(points.astype(np.float32), rng.integers(0, 255, (4000, 3), dtype=np.uint8), origin_offset=GRID)
@@ -71,7 +73,8 @@ def report(folder: Path, wanted: str, system: str | None = "EPSG:25832") -> byte
 def test_the_page_stands_alone_and_escapes_names(tmp_path: Path) -> None:
     page = report(tmp_path, "html").decode()
     assert "Büro &lt;3&gt; 東" in page
-    assert "1 new, 1 gone, 1 moved" in page
+    assert "1 new, 1 gone, 1 moved; 1 unsure" in page
+    assert page.count(">new?<") == 2  # in the list, and beside its picture
     assert page.count("data:image/jpeg") == len(OBJECTS)
     assert "http" not in page
     assert "<script" not in page
@@ -85,7 +88,8 @@ def test_the_pdf_has_plan_list_and_pictures_and_takes_any_name(tmp_path: Path) -
 
 def test_a_spreadsheet_has_one_line_per_object_in_metres(tmp_path: Path) -> None:
     rows = list(csv.DictReader(io.StringIO(report(tmp_path, "csv").decode())))
-    assert [row["kind"] for row in rows] == ["came", "went", "moved"]
+    assert [row["kind"] for row in rows] == ["came", "went", "moved", "came"]
+    assert [row["is_sure"] for row in rows] == ["1", "1", "1", "0"]
     assert float(rows[0]["x_m"]) == pytest.approx(691_601.0)
     assert rows[0]["from_x_m"] == ""
     assert float(rows[2]["from_x_m"]) == pytest.approx(691_600.5)

@@ -506,7 +506,7 @@ async def test_no_more_than_two_exports_are_written_at_the_same_time(
         under_way -= 1
         return 0, ""
 
-    monkeypatch.setattr("panoloc.service.batches.export.run_module", counted)
+    monkeypatch.setattr("panoloc.service.host.written_files.run_module", counted)
     path = f"/batches/{batch_id}/export?format=tum"
     replies = await asyncio.gather(*(running.client.get(path) for _ in range(5)))
     assert [reply.content for reply in replies] == [b"zip"] * 5

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from panoloc.service.host import written_files
 from panoloc.service.http.schemas.maps import MapChanges
 from panoloc.service.jobs import ChangePhoto, LocalizeJob, LocalizeOutcome
-from panoloc.service.maps import changed_objects
 from panoloc.service.maps.changed_objects import floor_of
 from tests.service.http.fake_pool import outcome_of
 from tests.service.http.running_service import RunningService, png_of
@@ -27,6 +27,7 @@ OBJECT = {
     "from_m": None,
     "seen_from_m": [0.0, 0.0, 1.5],
     "certainty": 0.8,
+    "is_sure": True,
     "num_photos": 1,
     "first_seen_at": "2026-11-21T12:00:00Z",
     "last_seen_at": "2026-11-21T12:00:00Z",
@@ -60,7 +61,7 @@ def questions(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, object]]:
             archive.writestr(f"{OBJECT['id']}.jpg", b"picture")
         return 0, ""
 
-    monkeypatch.setattr(changed_objects, "run_module", run)
+    monkeypatch.setattr(written_files, "run_module", run)
     return asked
 
 

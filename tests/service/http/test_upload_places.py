@@ -8,9 +8,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from panoloc.service.batches import export
 from panoloc.service.errors import ExportFailedError
 from panoloc.service.host.child_processes import run_module
+from panoloc.service.host.written_files import written_file
 from panoloc.service.limits import capacity
 from panoloc.service.storage import FolderStorage
 from tests.service.http.running_service import RunningService, Serve
@@ -71,9 +71,9 @@ async def pid_of(begun: Path) -> int:
 
 @pytest.mark.slow
 async def test_an_export_that_takes_too_long_is_killed(endless: Path, tmp_path: Path) -> None:
-    task = asyncio.create_task(export._written(FolderStorage(tmp_path), "endless", {}, (), ".zip", 3.0))
+    task = asyncio.create_task(written_file(FolderStorage(tmp_path), "endless", {}, time_s=3.0))
     pid = await pid_of(endless)
-    with pytest.raises(ExportFailedError, match="expected an export within 3 s"):
+    with pytest.raises(ExportFailedError, match="expected a file within 3 s"):
         await task
     assert not Path(f"/proc/{pid}").exists()
 

@@ -1,0 +1,42 @@
+"""Files that modules of this installation write in processes of their own, because they compute and open files of strangers."""
+
+import asyncio
+import json
+import os
+from typing import Any, BinaryIO
+
+from panoloc.core.errors import ExportRefusedError
+from panoloc.service.errors import ExportFailedError
+from panoloc.service.host.child_processes import run_module
+from panoloc.service.jobs import new_id
+from panoloc.service.storage import Storage
+
+_REFUSED = 3  # exit code for what cannot be written as was asked for
+
+
+async def written_file(
+    storage: Storage, module: str, document: dict[str, Any], *options: str, suffix: str = "", time_s: float
+) -> BinaryIO:
+    """Return what `python -m MODULE DOCUMENT OPTION... TARGET` writes, open and without a name, so that nothing is left of it once closed.
+
+    Raises ExportRefusedError, ExportFailedError and StorageError.
+    """
+    folder = await asyncio.to_thread(storage.spool_folder)
+    source, target = folder / new_id("document"), folder / f"{new_id('written')}{suffix}"
+    # It opens photos and scans of strangers, and needs no token of Ray for that.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("RAY_", "PANOLOC_"))}
+    try:
+        await asyncio.to_thread(source.write_text, json.dumps(document), encoding="utf-8")
+        code, message = await run_module(
+            module, str(source), *options, str(target), environment=environment, time_s=time_s
+        )
+        if code == _REFUSED:
+            raise ExportRefusedError(message)
+        if code != 0:
+            raise ExportFailedError(f"the process of {module} ended with exit code {code}: {message}")
+        return target.open("rb")
+    except TimeoutError as error:
+        raise ExportFailedError(f"expected a file within {time_s:g} s, got none; ask for fewer photos") from error
+    finally:
+        for path in (source, target):
+            path.unlink(missing_ok=True)
