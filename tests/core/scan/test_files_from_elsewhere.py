@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
+from panoloc.core.options import ScanOptions
 from panoloc.core.scan.reading import read_scan
 
 FORMATS = Path(__file__).parents[3].parent / "shared" / "formats"
@@ -33,7 +34,9 @@ def test_good_files_are_read_with_their_colours(name: str, num_points: int, mean
 
 
 def test_the_same_survey_in_two_formats_is_the_same_cloud() -> None:
-    plain, indexed = (read_scan(FORMATS / name) for name in ("with-colour-1.2.las", "with-colour.copc.laz"))
+    # One of them says that its heights are in feet, the other says nothing.
+    names, as_written = ("with-colour-1.2.las", "with-colour.copc.laz"), ScanOptions(unit="m", height_unit="m")
+    plain, indexed = (read_scan(FORMATS / name, as_written) for name in names)
     order = [np.lexsort((cloud.positions + cloud.origin_offset).T) for cloud in (plain, indexed)]
     np.testing.assert_allclose(
         (plain.positions + plain.origin_offset)[order[0]],
@@ -43,11 +46,22 @@ def test_the_same_survey_in_two_formats_is_the_same_cloud() -> None:
 
 
 def test_survey_coordinates_get_an_offset_and_8_bit_colour_is_found() -> None:
-    cloud = read_scan(FORMATS / "large-coordinates-8bit-colour-in-16bit.laz")
+    cloud = read_scan(FORMATS / "large-coordinates-8bit-colour-in-16bit.laz", ScanOptions(unit="m", height_unit="m"))
     np.testing.assert_allclose(cloud.origin_offset[:2], [636_590, 849_217])
     assert {"large_coordinates", "color_range"} <= {note.code for note in cloud.diagnostics}
     hundredths = (cloud.positions.astype(np.float64) + cloud.origin_offset) * 100
     assert np.abs(hundredths - np.rint(hundredths)).max() < 0.01  # the file's resolution is 1 cm; nothing is lost
+
+
+def test_surveys_in_feet_are_read_in_metres() -> None:
+    in_feet, heights_in_feet = (
+        read_scan(FORMATS / name).read_as
+        for name in ("large-coordinates-8bit-colour-in-16bit.laz", "with-colour.copc.laz")
+    )
+    assert in_feet is not None
+    assert heights_in_feet is not None
+    assert (in_feet.unit, in_feet.height_unit, in_feet.unit_from) == ("ft", "ft", "file")
+    assert (heights_in_feet.unit, heights_in_feet.height_unit) == ("m", "us-ft")
 
 
 @pytest.mark.parametrize(

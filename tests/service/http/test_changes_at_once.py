@@ -106,7 +106,7 @@ async def test_viewers_get_the_new_picture_when_the_old_one_goes_while_they_ask(
     await running.eventually("/health", lambda _: running.storage.names(f"maps/{map_id}") == ["2", "map.json"])
     reading.let_go()
     reply = await asking
-    assert (reply.status_code, reply.headers["etag"]) == (200, f'"{map_id}-2"')
+    assert (reply.status_code, reply.headers["etag"]) == (200, f'W/"{map_id}-2"')
 
 
 async def test_viewers_are_told_when_the_map_is_deleted_while_they_ask(

@@ -37,7 +37,13 @@ def test_a_batch_is_read_as_it_was_written(record: BatchRecord) -> None:
 
 
 @given(
-    st.builds(ScanOptions, st.sampled_from(["m", "cm", "mm", "ft"]), st.sampled_from(["z", "y"]), KINDS),
+    st.builds(
+        ScanOptions,
+        st.sampled_from(["m", "us-ft"]),
+        st.sampled_from(["z", "-y"]),
+        st.sampled_from(["ft", "auto"]),
+        color_kind=KINDS,
+    ),
     st.builds(
         IndexOptions, st.sampled_from(["octree", "grid"]), st.none() | st.floats(0.05, 50), REGIONS, color_kind=KINDS
     ),
