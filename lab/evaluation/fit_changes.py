@@ -4,7 +4,7 @@ Makes procedural rooms with known changes, keeps what is said of their voxels in
 hour on two processors. Seeds from 10,000 are for this alone; `python -m tests.campaign changes` measures on others.
 
 The weights in the package come from an earlier form of this script, which made rooms while it fitted (198 at first, 231 in the end), took
-3,300 steps, drew other noise of poses, and filled objects with scipy's `binary_fill_holes`. This form has not replaced them.
+3,300 steps, drew other noise of poses, and filled objects with scipy's `binary_fill_holes`; docs/evaluation.md compares both.
 """
 
 import argparse
