@@ -18,9 +18,9 @@ import torch
 from PIL import Image
 
 from panoloc.core.camera.panorama import Panorama
+from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.crops import crop_pair, encode_jpeg
 from panoloc.core.changes.finding import Change, DatedPhoto, find_changes
-from panoloc.core.config import CHANGES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud, point_spacing
 from panoloc.core.scan.point_cloud import PointCloud

@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.evidence import PhotoEvidence
 from panoloc.core.changes.network import VoxelNetwork
 from panoloc.core.changes.objects import LikelyVoxels, PlacedObject, placed_objects
 from panoloc.core.changes.voxels import COLOR_FEATURES, LEAST_CHANGED, VoxelGrid, voxel_features
-from panoloc.core.config import CHANGES
 
 
 def find_placed_objects(

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.camera.panorama import Panorama
-from panoloc.core.config import CHANGES
+from panoloc.core.changes.config import CHANGES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear, wrap_border
 from panoloc.core.render.render_cloud import RenderCloud

@@ -12,11 +12,11 @@ import torch
 from numpy.typing import NDArray
 
 from panoloc.core.camera.panorama import Panorama
+from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.detection import find_placed_objects
 from panoloc.core.changes.evidence import PhotoEvidence, photo_evidence
 from panoloc.core.changes.network import fitted_network
 from panoloc.core.changes.objects import PlacedObject, pair_up
-from panoloc.core.config import CHANGES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing

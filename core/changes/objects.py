@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from panoloc.core.config import CHANGES
+from panoloc.core.changes.config import CHANGES
 
 Array = NDArray[np.float64]
 _AT_ONCE = 1024  # votes that are compared with all others

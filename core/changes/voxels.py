@@ -8,8 +8,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.evidence import PhotoEvidence
-from panoloc.core.config import CHANGES
 from panoloc.core.geometry.projection import pixels_towards
 
 NUM_FEATURES = 21

@@ -3,7 +3,6 @@
 Where no other source is named, a figure was chosen by measurement on cases with known poses (docs/experiments.md).
 """
 
-from panoloc.core.config.changes import CHANGES, ObjectChangesConfig
 from panoloc.core.config.distances import DISTANCES, PoseDistance, PoseDistances
 from panoloc.core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
 from panoloc.core.config.index import AliasConfig, DescriptorConfig, IndexConfig, StartsConfig
@@ -23,7 +22,6 @@ from panoloc.core.config.search import (
 )
 
 __all__ = [
-    "CHANGES",
     "CONTRAST",
     "DISTANCES",
     "LIGHT_FIT",
@@ -39,7 +37,6 @@ __all__ = [
     "LineConfig",
     "LocalizerConfig",
     "MediumRound",
-    "ObjectChangesConfig",
     "PaperConfig",
     "PoseDistance",
     "PoseDistances",

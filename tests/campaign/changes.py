@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.evidence import photo_evidence
 from panoloc.core.changes.finding import Change, DatedPhoto, find_changes
-from panoloc.core.config import CHANGES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions, project
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
