@@ -44,7 +44,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walk")
-    write_walk(folder, seed=3, seconds=30, width=480)
+    write_walk(folder, seed=3, seconds=20, width=480)
     return folder
 
 
