@@ -17,6 +17,7 @@ LEAST_POINTS = 3
 _LEAST_APART_M = 0.05
 _LEAST_SHARE = 0.01  # of the largest distance
 _LEAST_WIDTH = 0.05  # of the figure of the points seen from above, to its length
+_LEAST_ACROSS_M = 0.5  # of that length: clicks are 2 cm off, which turns the heading by two degrees
 _SCALE_ERROR = 0.005
 _SCALE_NOISE = 3.0  # times what the residuals explain
 _UNITS = {0.3048: "feet", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
@@ -76,8 +77,11 @@ def _left_out(positions: Array, known: Array, number: int) -> float:
 
 
 def _scale(positions: Array, known: Array) -> float:
-    spread = [np.sqrt(np.square(each - each.mean(axis=0)).sum()) for each in (known, positions)]
-    return float(spread[0] / spread[1])
+    return _size(known) / _size(positions)
+
+
+def _size(points: Array) -> float:
+    return float(np.sqrt(np.square(points - points.mean(axis=0)).sum()))
 
 
 def _tilt_deg(positions: Array, known: Array) -> float:
@@ -103,6 +107,11 @@ def _check_figure(positions: Array, known: Array, names: Sequence[str]) -> None:
                 "correct or remove one of them"
             )
         _, widths, _ = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0))
+        if widths[0] < _LEAST_ACROSS_M * _size(points) / _size(positions):  # coordinates may be in other units
+            raise OptionsError(
+                f"points: expected points that lie apart horizontally, got points above each other {what}, which leave the heading open; "
+                f"add points more than {_LEAST_ACROSS_M:g} m to the side"
+            )
         if widths[1] < _LEAST_WIDTH * widths[0]:
             raise OptionsError(
                 f"points: expected points that are not in one line as seen from above, got such a line {what}; add a point to its side"
@@ -110,7 +119,7 @@ def _check_figure(positions: Array, known: Array, names: Sequence[str]) -> None:
 
 
 def _check_scale(scale: float, residuals: Array, known: Array) -> None:
-    size = float(np.sqrt(np.square(known - known.mean(axis=0)).sum()))
+    size = _size(known)
     if abs(scale - 1) <= _SCALE_ERROR:
         return
     guesses = [

@@ -16,6 +16,7 @@ from panoloc.core.survey.control_csv import ControlPoint
 
 TRUTH = Georeference(48.1371, 11.5754, 562.3, 37.25)
 CORNERS = np.array([[0.0, 0, 0.2], [30, 0, 1], [0, 20, 2.5], [30, 20, 6]])
+PLUMB = np.array([[5.0, 4, 0.1], [5.02, 4, 2.5], [5, 4.01, 6], [4.99, 4, 9]])
 GRID = np.array([691000.0, 5334000.0, 520.0])
 
 
@@ -104,6 +105,8 @@ def test_coordinates_of_a_site_are_compared_with_the_map_itself() -> None:
         (plain(CORNERS[:2], CORNERS[:2]), "got 2; click more"),
         (plain(CORNERS[[0, 1, 1]], CORNERS[[0, 1, 2]]), "got P1 and P2 at the same place by their coordinates"),
         (plain(CORNERS * [1, 0, 1], CORNERS * [1, 0, 1]), "in the scan; "),
+        (plain(PLUMB, PLUMB), "above each other in the scan, which leave the heading open; add points more than 0.5 m"),
+        (plain(PLUMB, CORNERS), "above each other by their coordinates"),
         (plain(CORNERS / 0.3048), "3.281 times those, as if the coordinates were in feet"),
         (plain(CORNERS * 0.001), "as if the positions of the map were in millimetres"),
         (plain(CORNERS * 1.5), "which no unit explains"),
