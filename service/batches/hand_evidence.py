@@ -73,7 +73,7 @@ def contradictions(given_px: Sequence[float] | None, refined_px: Sequence[float]
     if after <= _AWAY * before + _AWAY_PX:
         return []
     words = f"the refined pose is {after:.0f} px off the clicked points, the solved one {before:.0f} px"
-    return [Remark("placed_by_hand", f"{words}; if the points are right, confirm without refinement")]
+    return [Remark("placed_by_hand", f"{words}; if the points are right, confirm the solved pose")]
 
 
 def _share_within(limit: float, radius_68: float) -> float:

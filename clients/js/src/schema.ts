@@ -1677,9 +1677,9 @@ export interface components {
             refine?: boolean;
             /**
              * Confirm
-             * @description Store the result: the refined pose, without `refine` the given one. Otherwise nothing is stored. Default: false.
+             * @description Store the result: true, the pose that `better` names; or the given or the refined one. Otherwise nothing is stored. Default: false.
              */
-            confirm?: boolean;
+            confirm?: boolean | ("given" | "refined");
         };
         /**
          * Hints

@@ -49,9 +49,9 @@ class HandPose(RequestModel):
     refine: bool = Field(
         True, description="Refine the pose on photo and scan; false: it stays as it is set, or as the pairs say."
     )
-    confirm: bool = Field(
+    confirm: bool | Literal["given", "refined"] = Field(
         False,
-        description="Store the result: the refined pose, without `refine` the given one. Otherwise nothing is stored.",
+        description="Store the result: true, the pose that `better` names; or the given or the refined one. Otherwise nothing is stored.",
     )
 
     @model_validator(mode="after")

@@ -107,7 +107,10 @@ async def test_a_refined_pose_that_leaves_the_clicked_points_is_doubted(running:
     _, path = await lost_photo(running)
     found = (await running.client.post(path, json={"pairs": pairs()})).json()
     assert (found["refined"]["rms_px"] > 50, found["better"]) == (True, "given")
-    assert "confirm without refinement" in found["refined"]["warnings"][-1]
+    assert "confirm the solved pose" in found["refined"]["warnings"][-1]
+    for confirm, stored in ((True, "given"), ("refined", "refined"), ("given", "given")):
+        found = (await running.client.post(path, json={"pairs": pairs(), "confirm": confirm})).json()
+        assert found["item"]["answer"]["pose"] == found[stored]["pose"]
 
 
 async def test_what_was_placed_is_exported_and_outlives_the_service(serve: Serve) -> None:
