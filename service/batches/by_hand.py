@@ -28,6 +28,7 @@ from panoloc.service.batches.hand_evidence import (
     LEVEL,
     UNMEASURED,
     Evidence,
+    checked,
     contradictions,
     of_engine,
     of_pairs,
@@ -108,12 +109,13 @@ class HandPlacing:
         if not found:
             return Placement(given, None, "given", None, None, {"given": photo.answer(given, None)})
         guess, pose, answer = max(found, key=lambda each: (each[2].images[0].agreement or -1.0, each[2].confidence))
-        given, refined = photo.placed(guess.pose, guess.evidence), photo.placed(pose, of_engine(answer))
+        moved = pose_error(pose, guess.pose)
+        evidence = guess.evidence if by_hand.pairs is None else checked(guess.evidence, answer, moved)
+        given, refined = photo.placed(guess.pose, evidence), photo.placed(pose, of_engine(answer))
         doubts = contradictions(given.residuals_px, refined.residuals_px)
         refined.evidence.warnings.extend(doubts)
         # Clicked points are worth more than a refinement that the scan hardly supports; a rough pose is not.
         is_doubted = by_hand.pairs is not None and (bool(doubts) or answer.status != "localized")
-        moved = pose_error(pose, guess.pose)
         return Placement(
             given,
             refined,
