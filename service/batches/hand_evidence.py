@@ -54,9 +54,7 @@ def of_pairs(solved: Sequence[Resection], num_pairs: int) -> Evidence:
     most = _MOST_OF_THREE if num_pairs == LEAST_PAIRS else _MOST_OF_PAIRS
     accuracy = Accuracy(position_m=first.radius_m, orientation_deg=first.radius_deg, level=LEVEL)
     right = _share_within(_RIGHT_M, first.radius_m) * _share_within(_RIGHT_DEG, first.radius_deg) / len(solved)
-    return Evidence(
-        None, round(min(right, most), 4), accuracy, [Remark("placed_by_hand", each) for each in words]
-    )
+    return Evidence(None, round(min(right, most), 4), accuracy, [Remark("placed_by_hand", each) for each in words])
 
 
 def of_engine(answer: Localization) -> Evidence:
@@ -81,7 +79,9 @@ def checked(pairs: Evidence, answer: Localization, moved: PoseError) -> Evidence
         if same
         else f"photo and scan agree better {moved.position_m:.2f} m and {moved.orientation_deg:.0f} degrees from there"
     )
-    remark = Remark("placed_by_hand", f"{words}; the accuracy is that of the clicks, and holds only if they show the right points")
+    remark = Remark(
+        "placed_by_hand", f"{words}; the accuracy is that of the clicks, and holds only if they show the right points"
+    )
     return replace(pairs, confidence=most, warnings=[*pairs.warnings, remark])
 
 

@@ -74,7 +74,9 @@ class PlacedPose(ResponseModel):
         description="Correlation of the photo with the scan rendered at the pose, -1 to 1; null if unknown."
     )
     confidence: float = Field(
-        ge=0, le=1, description="As in an answer; of pairs by their geometry, lowered where the engine doubts them; 0 if nothing measures it."
+        ge=0,
+        le=1,
+        description="As in an answer; of pairs by their geometry, lowered where the engine doubts them; 0 if nothing measures it.",
     )
     accuracy: Accuracy | None
     warnings: list[str]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.earth.geopose import Georeference, earth_pose
 from panoloc.core.earth.georeference import ecef_of
+from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.survey.control_check import ControlCheck, check_control
 from panoloc.core.survey.control_csv import ControlPoint
@@ -124,3 +125,29 @@ def test_a_tilted_scan_is_told() -> None:
     turn = math.radians(3)
     tilted = CORNERS @ np.array([[1, 0, 0], [0, math.cos(turn), -math.sin(turn)], [0, math.sin(turn), math.cos(turn)]])
     assert "tilted by 3.0 degrees" in checked(plain(tilted)).warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        ((CORNERS + GRID)[:, [1, 0, 2]], "with x and y exchanged they fit"),
+        ((CORNERS + GRID) / 0.3048, "read as feet they fit"),
+        ((CORNERS + GRID) * 1000, "read as millimetres they fit"),
+    ],
+)
+def test_coordinates_of_a_grid_that_were_meant_otherwise_are_recognised(sent: NDArray[np.float64], words: str) -> None:
+    try:
+        told = checked(plain(sent), "EPSG:25832+7837", 46.2).no_fit
+    except OptionsError as error:
+        told = str(error)
+    assert words in (told or ""), told
+
+
+def test_the_point_without_which_the_others_fit_is_named_and_the_scale_told() -> None:
+    house = np.array([[0.0, 0, 0], [20, 0, 1], [0, 20, 2], [20, 20, 3]])
+    clicks = np.random.default_rng(5).normal(0, 0.01, house.shape)
+    wrong = house + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0.7, 0.7, 0]])
+    found = checked(plain(wrong, house + clicks))
+    assert re.search(r"^P3 is (0.9|1.0)\d m from where the other points put it", found.warnings[0]), found.warnings
+    assert "ppm longer than in the scan" in found.warnings[1]
+    assert checked(plain(house, house + clicks)).warnings == ()

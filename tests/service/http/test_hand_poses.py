@@ -176,7 +176,7 @@ async def test_only_the_tenant_of_a_batch_places_its_photos(serve: Serve, tmp_pa
 async def test_pairs_count_for_no_more_than_photo_and_scan_agree_there(
     running: RunningService, status: Status, moved_m: float, most: float
 ) -> None:
-    there = Pose(TRUE.rotation, TRUE.position + [moved_m, 0, 0])
+    there = Pose(TRUE.rotation, TRUE.position + np.array([moved_m, 0, 0]))
     _, path = await lost_photo(running, lambda job: outcome_of(job, there, status))
     given = (await running.client.post(path, json={"pairs": pairs()})).json()["given"]
     assert given["confidence"] == pytest.approx(most)
