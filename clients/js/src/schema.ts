@@ -1005,7 +1005,7 @@ export interface components {
             agreement: number | null;
             /**
              * Confidence
-             * @description As in an answer; of pairs by their geometry; 0 if nothing measures it.
+             * @description As in an answer; of pairs by their geometry, lowered where the engine doubts them; 0 if nothing measures it.
              */
             confidence: number;
             accuracy: components["schemas"]["Accuracy"] | null;

@@ -55,7 +55,8 @@ async def place_by_hand(request: Request, batch_id: str, number: _Number) -> Res
         if placement.refined is None and (which == "refined" or (wanted.refine and wanted.confirm is True)):
             raise InvalidOptionsError.of(
                 "refine",
-                'expected a pose from which the scan can be compared with the photo, got none; set it elsewhere, or confirm the given one: confirm: "given"',
+                "expected a pose from which the scan can be compared with the photo, got none; set it elsewhere, or confirm the given one "
+                '(confirm: "given")',
             )
         await placing.confirm(record, number, placement.answers[which])
         note_change(request, "photo placed", f"{batch_id} {number}")
