@@ -1,7 +1,7 @@
 """Checks a map against control points: as it stands on Earth, and after the best levelled fit, which gives it a place there."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,15 @@ from panoloc.core.earth.georeference import (
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.survey.control_csv import ControlPoint
-from panoloc.core.survey.control_fit import LevelFit, fit_level
+from panoloc.core.survey.control_fit import UNITS, LevelFit, fit_level, rms_of
 
 Array = NDArray[np.float64]
 _FARTHEST_M = 20_000.0  # of points from the origin of a map that a plane stands for
 _ROUNDS = 4  # until the plane is that at the map's origin
 _MOST_TILT_DEG = 0.5
+_MOST_SCALE_M = 0.06  # three times what clicks are off
+_BLUNDER_M = 0.05
+_REST = 0.25  # of the residuals, that are left without a wrong point
 _SAME_HEIGHT = "the heights of the points and of the map are above different surfaces"
 
 
@@ -63,7 +66,10 @@ def check_control(
         return _local(positions, used, place)
     undulation_m = place.get("geoid_undulation_m") if undulation_m is None else undulation_m
     grid = coordinate_system(system) if system is not None else None
-    on_earth = [_on_earth(point, grid, undulation_m) for point in used]
+    try:
+        on_earth = [_on_earth(point, grid, undulation_m) for point in used]
+    except OptionsError as error:
+        raise _explained(error, used, grid, undulation_m) from None
     ecef, heights = np.array([each for each, _ in on_earth], np.float64).reshape(-1, 3), {each for _, each in on_earth}
     measured, map_heights = _measured(positions, place, undulation_m)
     warnings = []
@@ -75,7 +81,8 @@ def check_control(
     try:
         fit, georeference = _fit_on_earth(positions, ecef, [point.name for point in used])
     except OptionsError as error:
-        return ControlCheck(True, as_is, None, str(error), None, str(error), tuple(warnings))
+        words = str(_explained(error, used, grid, undulation_m))
+        return ControlCheck(True, as_is, None, words, None, words, tuple(warnings))
     why = None
     if georeference is None:
         away_km = np.linalg.norm(positions.mean(axis=0)) / 1000
@@ -91,7 +98,7 @@ def check_control(
                 "state geoid_undulation_m, or send heights above the ellipsoid"
             ),
         )
-    return ControlCheck(True, as_is, fit, None, georeference, why, (*warnings, *_tilt_words(fit)))
+    return ControlCheck(True, as_is, fit, None, georeference, why, (*warnings, *_doubts(fit, used)))
 
 
 def _local(positions: Array, used: Sequence[ControlPoint], place: Mapping[str, Any]) -> ControlCheck:
@@ -103,7 +110,43 @@ def _local(positions: Array, used: Sequence[ControlPoint], place: Mapping[str, A
         fit = fit_level(positions, known, [point.name for point in used])
     except OptionsError as error:
         return ControlCheck(False, as_is, None, str(error), None, str(error), ())
-    return ControlCheck(False, as_is, fit, None, None, why, _tilt_words(fit))
+    return ControlCheck(False, as_is, fit, None, None, why, _doubts(fit, used))
+
+
+def _explained(
+    error: OptionsError, used: Sequence[ControlPoint], grid: CoordinateSystem | None, undulation_m: float | None
+) -> OptionsError:
+    """Return an error that says how coordinates of a grid were meant, if the points fit so; else the one that came up.
+
+    It is tried in the grid: misread coordinates lie elsewhere on Earth, where the grid is distorted.
+    """
+    if grid is None or any(point.is_geodetic for point in used):
+        return error
+    positions = np.array([point.position_m for point in used], np.float64).reshape(-1, 3)
+    meant = {
+        "with x and y exchanged they fit: name the columns, for some surveyors write north before east": lambda x, y, z: (
+            y,
+            x,
+            z,
+        )
+    } | {
+        f"read as {unit} they fit: send them in metres": lambda x, y, z, metres=metres: (
+            x * metres,
+            y * metres,
+            z * metres,
+        )
+        for metres, unit in UNITS.items()
+    }
+    for words, read in meant.items():
+        try:
+            found = [_on_earth(replace(point, known=read(*point.known)), grid, undulation_m)[0] for point in used]
+            _fit_on_earth(positions, np.array(found), [point.name for point in used])
+        except OptionsError:
+            continue
+        return OptionsError(
+            f"points: expected coordinates in {grid.name}, east before north and in metres, got others; {words}"
+        )
+    return error
 
 
 def _on_earth(
@@ -162,6 +205,31 @@ def _fit_on_earth(positions: Array, ecef: Array, names: Sequence[str]) -> tuple[
 def _axes_at(ecef: Array) -> Array:
     latitude, longitude, _ = geodetic_of(tuple(ecef.tolist()))
     return ecef_from_enu(latitude, longitude)
+
+
+def _doubts(fit: LevelFit, used: Sequence[ControlPoint]) -> tuple[str, ...]:
+    """Return in words what is wrong with points that have a fit nevertheless."""
+    return *_blunder_words(fit, used), *_scale_words(fit), *_tilt_words(fit)
+
+
+def _blunder_words(fit: LevelFit, used: Sequence[ControlPoint]) -> tuple[str, ...]:
+    rms, number = rms_of(np.linalg.norm(fit.residuals, axis=1)), int(fit.rest_rms_m.argmin())
+    off_m, rest_m = fit.left_out_m[number], fit.rest_rms_m[number]
+    if len(used) <= 3 or off_m < _BLUNDER_M or rest_m > _REST * rms:
+        return ()
+    return (
+        f"{used[number].name} is {off_m:.2f} m from where the other points put it, which fit to {rest_m:.3f} m without it: check its "
+        "coordinates and its place in the scan, or remove it",
+    )
+
+
+def _scale_words(fit: LevelFit) -> tuple[str, ...]:
+    if fit.scale_m < _MOST_SCALE_M:
+        return ()
+    return (
+        f"distances between the coordinates are {abs(fit.scale - 1) * 1e6:,.0f} ppm {'longer' if fit.scale > 1 else 'shorter'} than in "
+        "the scan, more than clicks explain: a point is wrong, or the scale of the scan or of the coordinates",
+    )
 
 
 def _tilt_words(fit: LevelFit) -> tuple[str, ...]:

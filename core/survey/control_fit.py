@@ -17,9 +17,10 @@ LEAST_POINTS = 3
 _LEAST_APART_M = 0.05
 _LEAST_SHARE = 0.01  # of the largest distance
 _LEAST_WIDTH = 0.05  # of the figure of the points seen from above, to its length
+_LEAST_ACROSS_M = 0.5  # of that length: clicks are 2 cm off, which turns the heading by two degrees
 _SCALE_ERROR = 0.005
 _SCALE_NOISE = 3.0  # times what the residuals explain
-_UNITS = {0.3048: "feet", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
+UNITS = {0.3048: "feet", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
 _WORST_SHARE = 0.05  # of the extent of the points, that their residuals may be
 _SWAP = 0.2  # of the residuals, with which exchanged axes fit
 
@@ -29,14 +30,18 @@ class LevelFit:
     """known = turn about z by `yaw_rad` of position + shift, metres.
 
     residuals: (n, 3), position moved minus known, along the axes of the known coordinates. left_out_m: (n,) distance of each point from
-    where the fit of the others puts it. scale: of the known coordinates to those of the map. tilt_deg: of a fit that may also tilt.
+    where the fit of the others puts it. rest_rms_m: (n,) of the others in that fit. scale: of the
+    known coordinates to those of the map. scale_m: how far that moves the points, as the root of the sum of squares. tilt_deg: of a fit
+    that may also tilt.
     """
 
     yaw_rad: float
     shift: Array
     residuals: Array
     left_out_m: Array
+    rest_rms_m: Array
     scale: float
+    scale_m: float
     tilt_deg: float
 
 
@@ -51,9 +56,11 @@ def fit_level(positions: Array, known: Array, names: Sequence[str]) -> LevelFit:
     residuals = _turned(positions, yaw) + shift - known
     scale = _scale(positions, known)
     _check_scale(scale, residuals, known)
-    left_out = np.array([_left_out(positions, known, number) for number in range(len(known))])
+    left_out, rest = np.array([_left_out(positions, known, number) for number in range(len(known))]).T
     _check_residuals(positions, known, residuals, names[int(left_out.argmax())])
-    return LevelFit(yaw, shift, residuals, left_out, scale, _tilt_deg(positions, known))
+    return LevelFit(
+        yaw, shift, residuals, left_out, rest, scale, abs(scale - 1) * _size(positions), _tilt_deg(positions, known)
+    )
 
 
 def _level(positions: Array, known: Array) -> tuple[float, Array]:
@@ -69,15 +76,24 @@ def _turned(points: Array, yaw: float) -> Array:
     return turned
 
 
-def _left_out(positions: Array, known: Array, number: int) -> float:
+def _left_out(positions: Array, known: Array, number: int) -> tuple[float, float]:
     others = np.delete(positions, number, axis=0), np.delete(known, number, axis=0)
     yaw, shift = _level(*others)
-    return float(np.linalg.norm(_turned(positions[number][None], yaw)[0] + shift - known[number]))
+    off = np.linalg.norm(_turned(positions, yaw) + shift - known, axis=1)
+    return float(off[number]), rms_of(np.delete(off, number))
 
 
 def _scale(positions: Array, known: Array) -> float:
-    spread = [np.sqrt(np.square(each - each.mean(axis=0)).sum()) for each in (known, positions)]
-    return float(spread[0] / spread[1])
+    return _size(known) / _size(positions)
+
+
+def rms_of(off: Array) -> float:
+    """Return the root mean square of distances (n,)."""
+    return float(np.sqrt(np.square(off).mean()))
+
+
+def _size(points: Array) -> float:
+    return float(np.sqrt(np.square(points - points.mean(axis=0)).sum()))
 
 
 def _tilt_deg(positions: Array, known: Array) -> float:
@@ -103,6 +119,11 @@ def _check_figure(positions: Array, known: Array, names: Sequence[str]) -> None:
                 "correct or remove one of them"
             )
         _, widths, _ = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0))
+        if widths[0] < _LEAST_ACROSS_M * _size(points) / _size(positions):  # coordinates may be in other units
+            raise OptionsError(
+                f"points: expected points that lie apart horizontally, got points above each other {what}, which leave the heading open; "
+                f"add points more than {_LEAST_ACROSS_M:g} m to the side"
+            )
         if widths[1] < _LEAST_WIDTH * widths[0]:
             raise OptionsError(
                 f"points: expected points that are not in one line as seen from above, got such a line {what}; add a point to its side"
@@ -110,12 +131,12 @@ def _check_figure(positions: Array, known: Array, names: Sequence[str]) -> None:
 
 
 def _check_scale(scale: float, residuals: Array, known: Array) -> None:
-    size = float(np.sqrt(np.square(known - known.mean(axis=0)).sum()))
+    size = _size(known)
     if abs(scale - 1) <= _SCALE_ERROR:
         return
     guesses = [
         f"as if the {what} were in {unit}"
-        for factor, unit in _UNITS.items()
+        for factor, unit in UNITS.items()
         for what, size_of in (("positions of the map", factor), ("coordinates", 1 / factor))
         if abs(scale / size_of - 1) < 0.02
     ]

@@ -112,7 +112,7 @@ def _checked(camera: Camera, pixels: Array, points: Array) -> Array:
             apart_px = np.linalg.norm(pixels[one] - pixels[other])
             if np.linalg.norm(points[one] - points[other]) < _LEAST_APART_M or apart_px < _LEAST_APART_PX:
                 raise OptionsError(
-                    f"pairs.{one}: expected points apart from each other, got pairs {other + 1} and {one + 1} at nearly the same place; "
+                    f"pairs: expected points apart from each other, got pairs {other + 1} and {one + 1} at nearly the same place; "
                     "remove one of them, and click another point"
                 )
     _, widths, _ = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)

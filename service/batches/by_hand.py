@@ -28,6 +28,7 @@ from panoloc.service.batches.hand_evidence import (
     LEVEL,
     UNMEASURED,
     Evidence,
+    checked,
     contradictions,
     of_engine,
     of_pairs,
@@ -39,6 +40,7 @@ from panoloc.service.localizations import Localizations, LocalizeRequest
 from panoloc.service.maps.selection import MapChoice, serving_ref
 from panoloc.service.poses import PlaceOnEarth, geopose, pose_answer
 
+Which = Literal["given", "refined"]
 _MOST_REFINED = 3  # of several poses that points leave
 
 
@@ -75,15 +77,15 @@ class Placed:
 class Placement:
     """What came of it. given: as it was set or solved. refined: by the engine; None where that was not asked for, or is impossible.
 
-    better: which of both to take, by what speaks for them. answer: that a confirmed photo gets.
+    better: which of both to take, by what speaks for them. answers: that a photo gets by whichever of them is confirmed.
     """
 
     given: Placed
     refined: Placed | None
-    better: Literal["given", "refined"]
+    better: Which
     moved_m: float | None
     moved_deg: float | None
-    answer: Localization
+    answers: dict[Which, Localization]
 
 
 class HandPlacing:
@@ -105,26 +107,27 @@ class HandPlacing:
         answers = [await self._refined(photo, data, guess, by_hand, request_id) for guess in guesses[:_MOST_REFINED]]
         found = [(guess, *refined) for guess, refined in zip(guesses, answers, strict=False) if refined is not None]
         if not found:
-            return Placement(given, None, "given", None, None, photo.answer(given, None))
+            return Placement(given, None, "given", None, None, {"given": photo.answer(given, None)})
         guess, pose, answer = max(found, key=lambda each: (each[2].images[0].agreement or -1.0, each[2].confidence))
-        given, refined = photo.placed(guess.pose, guess.evidence), photo.placed(pose, of_engine(answer))
+        moved = pose_error(pose, guess.pose)
+        evidence = guess.evidence if by_hand.pairs is None else checked(guess.evidence, answer, moved)
+        given, refined = photo.placed(guess.pose, evidence), photo.placed(pose, of_engine(answer))
         doubts = contradictions(given.residuals_px, refined.residuals_px)
         refined.evidence.warnings.extend(doubts)
         # Clicked points are worth more than a refinement that the scan hardly supports; a rough pose is not.
         is_doubted = by_hand.pairs is not None and (bool(doubts) or answer.status != "localized")
-        moved = pose_error(pose, guess.pose)
         return Placement(
             given,
             refined,
             "given" if is_doubted else "refined",
             moved.position_m,
             moved.orientation_deg,
-            photo.answer(refined, answer),
+            {"given": photo.answer(given, None), "refined": photo.answer(refined, answer)},
         )
 
-    async def confirm(self, record: BatchRecord, number: int, placement: Placement) -> None:
-        """Store what came of it: from now on the photo is where the person has placed it."""
-        document = placement.answer.model_dump(mode="json")
+    async def confirm(self, record: BatchRecord, number: int, answer: Localization) -> None:
+        """Store an answer of a placement: from now on the photo is where the person has placed it."""
+        document = answer.model_dump(mode="json")
         await self._store.put_by_hand(record.id, number, {"status": "localized", "answer": document})
 
     async def undo(self, record: BatchRecord, number: int) -> None:

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from panoloc.core.geometry.pose import PoseError
 from panoloc.core.remarks import Remark
 from panoloc.core.survey.resection import LEAST_PAIRS, Resection
 from panoloc.service.answer import Accuracy, Localization
@@ -18,6 +19,7 @@ _UNMEASURED = Remark(
 )
 _RIGHT_M, _RIGHT_DEG = 0.3, 10.0  # what `confidence` of an answer is about
 _MOST_OF_PAIRS = 0.95  # geometry knows nothing of points that were mistaken for others
+_MOST_OF_THREE = 0.5  # that always fit
 _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
 _AWAY = 3.0  # times the residuals of the clicked points, from which on a refined pose contradicts them
 _AWAY_PX = 10.0
@@ -46,12 +48,13 @@ def of_pairs(solved: Sequence[Resection], num_pairs: int) -> Evidence:
             f"the points fit {len(solved)} places, up to {span_m:.1f} m apart; click one more to decide between them"
         )
     elif num_pairs == LEAST_PAIRS:
-        words.append("three points always fit, so a wrong one does not show; click a fourth as a check")
+        words.append(
+            "three points always fit, so a wrong one shows neither in confidence nor in accuracy; click a fourth as a check"
+        )
+    most = _MOST_OF_THREE if num_pairs == LEAST_PAIRS else _MOST_OF_PAIRS
     accuracy = Accuracy(position_m=first.radius_m, orientation_deg=first.radius_deg, level=LEVEL)
     right = _share_within(_RIGHT_M, first.radius_m) * _share_within(_RIGHT_DEG, first.radius_deg) / len(solved)
-    return Evidence(
-        None, round(min(right, _MOST_OF_PAIRS), 4), accuracy, [Remark("placed_by_hand", each) for each in words]
-    )
+    return Evidence(None, round(min(right, most), 4), accuracy, [Remark("placed_by_hand", each) for each in words])
 
 
 def of_engine(answer: Localization) -> Evidence:
@@ -65,6 +68,23 @@ def of_engine(answer: Localization) -> Evidence:
     return Evidence(answer.images[0].agreement, answer.confidence, answer.accuracy, remarks)
 
 
+def checked(pairs: Evidence, answer: Localization, moved: PoseError) -> Evidence:
+    """Return what pairs say for a pose once the engine has compared photo and scan around it; moved: from it to the refined pose."""
+    same = moved.within(_RIGHT_M, _RIGHT_DEG) or answer.status != "localized"
+    most = round(answer.confidence if same else 1 - answer.confidence, 4)
+    if pairs.confidence <= most:
+        return pairs
+    words = (
+        "photo and scan agree too little there"
+        if same
+        else f"photo and scan agree better {moved.position_m:.2f} m and {moved.orientation_deg:.0f} degrees from there"
+    )
+    remark = Remark(
+        "placed_by_hand", f"{words}; the accuracy is that of the clicks, and holds only if they show the right points"
+    )
+    return replace(pairs, confidence=most, warnings=[*pairs.warnings, remark])
+
+
 def contradictions(given_px: Sequence[float] | None, refined_px: Sequence[float] | None) -> list[Remark]:
     """Return a remark where the refined pose does not see the clicked points where they were clicked; residuals in pixels."""
     if given_px is None or refined_px is None:
@@ -73,7 +93,7 @@ def contradictions(given_px: Sequence[float] | None, refined_px: Sequence[float]
     if after <= _AWAY * before + _AWAY_PX:
         return []
     words = f"the refined pose is {after:.0f} px off the clicked points, the solved one {before:.0f} px"
-    return [Remark("placed_by_hand", f"{words}; if the points are right, confirm without refinement")]
+    return [Remark("placed_by_hand", f"{words}; if the points are right, confirm the solved pose")]
 
 
 def _share_within(limit: float, radius_68: float) -> float:

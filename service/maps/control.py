@@ -32,6 +32,7 @@ class ControlPoints:
     revision: int | None = None
 
 
+_FAR_M = 50.0  # from a scan, where nobody clicks in it
 _STORED = TypeAdapter(ControlPoints)
 
 
@@ -66,14 +67,23 @@ class ControlBook:
         await asyncio.to_thread(self._storage.delete, _key_of(map_id))
 
 
-def control_document(ref: MapRef, kept: ControlPoints, place: Mapping[str, Any]) -> Document:
-    """Return the body of `GET /maps/{id}/control-points`; place: as `check_control` takes it. Blocking. Raises OptionsError."""
+def control_document(
+    ref: MapRef, kept: ControlPoints, place: Mapping[str, Any], bounds: Mapping[str, Sequence[float]] | None
+) -> Document:
+    """Return the body of `GET /maps/{id}/control-points`. Blocking. Raises OptionsError.
+
+    place: as `check_control` takes it. bounds: `min` and `max` of the scan, if known.
+    """
     found = check_control(kept.points, kept.coordinate_system, kept.geoid_undulation_m, place)
     used = [point.name for point in kept.points if point.position_m is not None]
     warnings = list(found.warnings)
     if kept.points and kept.revision != ref.revision:
         warnings.append(
             f"the places in the scan are of revision {kept.revision}, and revision {ref.revision} serves; click them again"
+        )
+    if far := _far(kept.points, bounds):
+        warnings.append(
+            f"{', '.join(far[:5])}: the place in the scan is more than {_FAR_M:g} m outside of the scan; check its unit and columns"
         )
     return {
         "map_id": ref.id,
@@ -88,6 +98,19 @@ def control_document(ref: MapRef, kept: ControlPoints, place: Mapping[str, Any])
         "no_georeference": found.no_georeference,
         "warnings": warnings,
     }
+
+
+def _far(points: Sequence[ControlPoint], bounds: Mapping[str, Sequence[float]] | None) -> list[str]:
+    """Return the names of the points whose places are far outside of a scan."""
+    if bounds is None:
+        return []
+    lower, upper = np.array(bounds["min"]), np.array(bounds["max"])
+    return [
+        point.name
+        for point in points
+        if point.position_m is not None
+        and np.linalg.norm(point.position_m - np.clip(point.position_m, lower, upper)) > _FAR_M
+    ]
 
 
 def _point(point: ControlPoint, used: Sequence[str], found: ControlCheck) -> Document:

@@ -130,6 +130,12 @@ def place_on_earth(record: MapRecord) -> dict[str, Any]:
     return dict(zip(ON_EARTH, values, strict=True))
 
 
+def bounds_of(record: MapRecord) -> dict[str, list[float]] | None:
+    """Return `min` and `max` of the serving scan."""
+    stats = None if record.serving is None else record.serving.stats
+    return (stats or {}).get("bounds")
+
+
 def coordinate_system_of(record: MapRecord) -> str | None:
     """Return the coordinate system of a map's positions: the one that was given, else that of the serving scan."""
     stats = None if record.serving is None else record.serving.stats

@@ -1005,7 +1005,7 @@ export interface components {
             agreement: number | null;
             /**
              * Confidence
-             * @description As in an answer; of pairs by their geometry; 0 if nothing measures it.
+             * @description As in an answer; of pairs by their geometry, lowered where the engine doubts them; 0 if nothing measures it.
              */
             confidence: number;
             accuracy: components["schemas"]["Accuracy"] | null;
@@ -1677,9 +1677,9 @@ export interface components {
             refine?: boolean;
             /**
              * Confirm
-             * @description Store the result: the refined pose, without `refine` the given one. Otherwise nothing is stored. Default: false.
+             * @description Store the result: true, the pose that `better` names; or the given or the refined one. Otherwise nothing is stored. Default: false.
              */
-            confirm?: boolean;
+            confirm?: boolean | ("given" | "refined");
         };
         /**
          * Hints

@@ -33,7 +33,7 @@ _PATH = "/batches/{batch_id}/images/{number}/pose"
     openapi_extra=json_body(HandPose, HAND_POSE_EXAMPLE),
 )
 async def place_by_hand(request: Request, batch_id: str, number: _Number) -> Response:
-    """Solve the pairs, refine the pose on photo and scan, and with `confirm` store it.
+    """Solve the pairs, refine the pose on photo and scan, and with `confirm` store the better of both, or the one it names.
 
     A confirmed photo is `localized`, `placed_by` `hand`, in lists, tours and exports; `DELETE` brings the answer of the search back. The
     same request can be sent again.
@@ -51,12 +51,14 @@ async def place_by_hand(request: Request, batch_id: str, number: _Number) -> Res
             request, placing.place(record, number, _by_hand(wanted, record), request.state.request_id)
         )
     if wanted.confirm:
-        if wanted.refine and placement.refined is None:
+        which = placement.better if wanted.confirm is True else wanted.confirm
+        if placement.refined is None and (which == "refined" or (wanted.refine and wanted.confirm is True)):
             raise InvalidOptionsError.of(
                 "refine",
-                "expected a pose from which the scan can be compared with the photo, got none; set it elsewhere, or send refine: false",
+                "expected a pose from which the scan can be compared with the photo, got none; set it elsewhere, or confirm the given one "
+                '(confirm: "given")',
             )
-        await placing.confirm(record, number, placement)
+        await placing.confirm(record, number, placement.answers[which])
         note_change(request, "photo placed", f"{batch_id} {number}")
     return JSONResponse(_document(placement, await _item(services, record, number)))
 

@@ -49,9 +49,9 @@ class HandPose(RequestModel):
     refine: bool = Field(
         True, description="Refine the pose on photo and scan; false: it stays as it is set, or as the pairs say."
     )
-    confirm: bool = Field(
+    confirm: bool | Literal["given", "refined"] = Field(
         False,
-        description="Store the result: the refined pose, without `refine` the given one. Otherwise nothing is stored.",
+        description="Store the result: true, the pose that `better` names; or the given or the refined one. Otherwise nothing is stored.",
     )
 
     @model_validator(mode="after")
@@ -74,7 +74,9 @@ class PlacedPose(ResponseModel):
         description="Correlation of the photo with the scan rendered at the pose, -1 to 1; null if unknown."
     )
     confidence: float = Field(
-        ge=0, le=1, description="As in an answer; of pairs by their geometry; 0 if nothing measures it."
+        ge=0,
+        le=1,
+        description="As in an answer; of pairs by their geometry, lowered where the engine doubts them; 0 if nothing measures it.",
     )
     accuracy: Accuracy | None
     warnings: list[str]

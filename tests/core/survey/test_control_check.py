@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from panoloc.core.earth.geopose import Georeference, earth_pose
 from panoloc.core.earth.georeference import ecef_of
+from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.survey.control_check import ControlCheck, check_control
 from panoloc.core.survey.control_csv import ControlPoint
 
 TRUTH = Georeference(48.1371, 11.5754, 562.3, 37.25)
 CORNERS = np.array([[0.0, 0, 0.2], [30, 0, 1], [0, 20, 2.5], [30, 20, 6]])
+PLUMB = np.array([[5.0, 4, 0.1], [5.02, 4, 2.5], [5, 4.01, 6], [4.99, 4, 9]])
 GRID = np.array([691000.0, 5334000.0, 520.0])
 
 
@@ -104,6 +106,8 @@ def test_coordinates_of_a_site_are_compared_with_the_map_itself() -> None:
         (plain(CORNERS[:2], CORNERS[:2]), "got 2; click more"),
         (plain(CORNERS[[0, 1, 1]], CORNERS[[0, 1, 2]]), "got P1 and P2 at the same place by their coordinates"),
         (plain(CORNERS * [1, 0, 1], CORNERS * [1, 0, 1]), "in the scan; "),
+        (plain(PLUMB, PLUMB), "above each other in the scan, which leave the heading open; add points more than 0.5 m"),
+        (plain(PLUMB, CORNERS), "above each other by their coordinates"),
         (plain(CORNERS / 0.3048), "3.281 times those, as if the coordinates were in feet"),
         (plain(CORNERS * 0.001), "as if the positions of the map were in millimetres"),
         (plain(CORNERS * 1.5), "which no unit explains"),
@@ -121,3 +125,29 @@ def test_a_tilted_scan_is_told() -> None:
     turn = math.radians(3)
     tilted = CORNERS @ np.array([[1, 0, 0], [0, math.cos(turn), -math.sin(turn)], [0, math.sin(turn), math.cos(turn)]])
     assert "tilted by 3.0 degrees" in checked(plain(tilted)).warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        ((CORNERS + GRID)[:, [1, 0, 2]], "with x and y exchanged they fit"),
+        ((CORNERS + GRID) / 0.3048, "read as feet they fit"),
+        ((CORNERS + GRID) * 1000, "read as millimetres they fit"),
+    ],
+)
+def test_coordinates_of_a_grid_that_were_meant_otherwise_are_recognised(sent: NDArray[np.float64], words: str) -> None:
+    try:
+        told = checked(plain(sent), "EPSG:25832+7837", 46.2).no_fit
+    except OptionsError as error:
+        told = str(error)
+    assert words in (told or ""), told
+
+
+def test_the_point_without_which_the_others_fit_is_named_and_the_scale_told() -> None:
+    house = np.array([[0.0, 0, 0], [20, 0, 1], [0, 20, 2], [20, 20, 3]])
+    clicks = np.random.default_rng(5).normal(0, 0.01, house.shape)
+    wrong = house + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0.7, 0.7, 0]])
+    found = checked(plain(wrong, house + clicks))
+    assert re.search(r"^P3 is (0.9|1.0)\d m from where the other points put it", found.warnings[0]), found.warnings
+    assert "ppm longer than in the scan" in found.warnings[1]
+    assert checked(plain(house, house + clicks)).warnings == ()

@@ -62,6 +62,19 @@ async def test_a_clicked_place_outlives_a_new_list_of_coordinates(running: Runni
     assert "click more" in report["no_fit"]
 
 
+async def test_places_far_outside_of_the_scan_are_told(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    at = {"x": 1, "y": 2, "z": 3}
+    report = await put(
+        running,
+        map_id,
+        points=[{"name": "A", **at, "position_m": [1, 1, 1]}, {"name": "B", **at, "position_m": [900, 1, 1]}],
+    )
+    assert report["warnings"] == [
+        "B: the place in the scan is more than 50 m outside of the scan; check its unit and columns"
+    ]
+
+
 async def test_nothing_of_the_points_outlives_the_map(running: RunningService) -> None:
     map_id = await running.ready_map()
     await put(running, map_id, points=[{"name": "A", "x": 1, "y": 2, "z": 3, "position_m": [1, 2, 3.01]}])

@@ -14,6 +14,7 @@ import pytest
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Status
 from panoloc.service.http.schemas.batches import BatchItem
 from panoloc.service.http.schemas.hand_poses import HandPlacement
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
@@ -107,7 +108,10 @@ async def test_a_refined_pose_that_leaves_the_clicked_points_is_doubted(running:
     _, path = await lost_photo(running)
     found = (await running.client.post(path, json={"pairs": pairs()})).json()
     assert (found["refined"]["rms_px"] > 50, found["better"]) == (True, "given")
-    assert "confirm without refinement" in found["refined"]["warnings"][-1]
+    assert "confirm the solved pose" in found["refined"]["warnings"][-1]
+    for confirm, stored in ((True, "given"), ("refined", "refined"), ("given", "given")):
+        found = (await running.client.post(path, json={"pairs": pairs(), "confirm": confirm})).json()
+        assert found["item"]["answer"]["pose"] == found[stored]["pose"]
 
 
 async def test_what_was_placed_is_exported_and_outlives_the_service(serve: Serve) -> None:
@@ -164,3 +168,23 @@ async def test_only_the_tenant_of_a_batch_places_its_photos(serve: Serve, tmp_pa
         assert await running.by(bob).status("DELETE", path) == 404
         assert await running.status("POST", path, json={"pose": ROUGH}) == 401
         assert await running.by(ann).status("POST", path, json={"pose": ROUGH}) == 200
+
+
+@pytest.mark.parametrize(
+    ("status", "moved_m", "most"), [("localized", 0.1, 0.93), ("not_localized", 0.6, 0.93), ("localized", 0.6, 0.07)]
+)
+async def test_pairs_count_for_no_more_than_photo_and_scan_agree_there(
+    running: RunningService, status: Status, moved_m: float, most: float
+) -> None:
+    there = Pose(TRUE.rotation, TRUE.position + np.array([moved_m, 0, 0]))
+    _, path = await lost_photo(running, lambda job: outcome_of(job, there, status))
+    given = (await running.client.post(path, json={"pairs": pairs()})).json()["given"]
+    assert given["confidence"] == pytest.approx(most)
+    assert "only if they show the right points" in given["warnings"][-1]
+
+
+async def test_three_pairs_have_nothing_that_checks_them(running: RunningService) -> None:
+    _, path = await lost_photo(running)
+    given = (await running.client.post(path, json={"pairs": pairs(3), "refine": False})).json()["given"]
+    assert given["confidence"] <= 0.5
+    assert "a wrong one shows neither" in given["warnings"][0] or "click one more" in given["warnings"][0]
