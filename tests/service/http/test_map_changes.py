@@ -5,6 +5,7 @@ import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -90,6 +91,28 @@ async def test_objects_are_found_in_photos_of_batches_alone_and_go_with_them(
     assert await running.status("DELETE", f"/batches/{batch_id}") == 204
     left = await running.json(path)
     assert (left["objects"], left["num_photos"], len(left["answers"])) == ([], 0, 2)
+
+
+async def test_a_batch_that_takes_answers_over_has_the_photos_of_them(
+    running: RunningService, questions: list[dict[str, Any]]
+) -> None:
+    running.pool.outcome_of = sees
+    map_id = await running.ready_map()
+    answer = (await running.localize(map_id)).json()
+    path = f"/maps/{map_id}/changes"
+    assert (await running.json(path))["num_photos"] == 0
+    options = json.dumps({"answers": [answer["id"]]})
+    batch_id = (await running.post_batch(map_id, "a.png", options=options)).json()["id"]
+    await running.done(batch_id)
+    assert (await running.json(path))["num_photos"] == 1
+    (asked,) = questions[-1]["photos"]
+    assert asked["position_m"] == list(answer["pose"]["map_from_camera"]["position_m"].values())
+    assert asked["image"].endswith(f"batches/{batch_id}/images/00000")
+    await running.localize(map_id)  # the same photo again forgets its former answer, not the image of the batch
+    assert await running.status("GET", f"/batches/{batch_id}/images/0") == 200
+    (await running.post_batch(map_id, "a.png", options=options)).raise_for_status()
+    assert await running.status("DELETE", f"/batches/{batch_id}") == 204
+    assert (await running.json(path))["num_photos"] == 0
 
 
 @pytest.mark.parametrize(("wanted", "kind"), [("pdf", "application/pdf"), ("geojson", "application/geo+json")])
