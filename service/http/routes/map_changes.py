@@ -10,7 +10,7 @@ from starlette.responses import JSONResponse, Response
 
 from panoloc.core.options import ReportFormat
 from panoloc.service.errors import ObjectNotFoundError
-from panoloc.service.http.access import caller_of, maps_seen, require
+from panoloc.service.http.access import caller_of, maps_seen, require, while_there
 from panoloc.service.http.openapi import file_response, json_response
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from panoloc.service.http.schemas.maps import MapChanges
@@ -110,7 +110,8 @@ async def get_report(
 ) -> Response:
     """Return plan, list and pictures of what changed. Where the map's place on Earth is unknown, GeoJSON is in metres and says so."""
     seen = await _Seen.by(request, map_id, period)
-    data = await seen.services.changed_objects.report(seen.ref, seen.found, seen.about(period), format)
+    async with while_there(request, map_id):
+        data = await seen.services.changed_objects.report(seen.ref, seen.found, seen.about(period), format)
     name = f"{map_id}-changes.{_ENDINGS.get(format, format)}"
     how = "inline" if format in ("html", "pdf") else "attachment"
     headers = {"Content-Disposition": f'{how}; filename="{name}"', "X-Content-Type-Options": "nosniff"}
@@ -134,7 +135,8 @@ class _Seen:
         services, record = services_of(request), maps_seen(request).get(map_id)
         ref = serving_ref(record)
         photos = await services.changes.photos(ref, period)
-        found = await services.changed_objects.find(ref, photos, _stats(record))
+        async with while_there(request, map_id):
+            found = await services.changed_objects.find(ref, photos, _stats(record))
         return cls(services, record, ref, len(photos), found)
 
     @property

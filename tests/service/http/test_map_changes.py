@@ -128,6 +128,37 @@ async def test_a_report_says_what_was_found_and_where_the_map_is(
     assert "1 photo," in str(questions[-1]["period"])
 
 
+@pytest.mark.parametrize(
+    "path", ["/maps/{map}/changes", "/maps/{map}/changes/report", "/batches/{batch}/export?format=e57"]
+)
+async def test_a_map_that_is_deleted_while_something_is_made_of_it_is_not_found(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    map_id, batch_id = await changed_map(running)
+
+    async def run(module: str, source: str, *_: str, **__: object) -> tuple[int, str]:
+        assert await running.status("DELETE", f"/maps/{map_id}") == 204
+        return 1, f"FileNotFoundError: [Errno 2] No such file or directory: {source!r}"
+
+    monkeypatch.setattr(written_files, "run_module", run)
+    reply = await running.client.get(path.format(map=map_id, batch=batch_id))
+    assert (reply.status_code, reply.json()["type"]) == (404, "/problems/map-not-found")
+
+
+async def test_a_process_that_fails_tells_callers_no_path_of_this_machine(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    map_id, _ = await changed_map(running)
+
+    async def run(module: str, source: str, *_: str, **__: object) -> tuple[int, str]:
+        return 1, f"OSError: {source}"
+
+    monkeypatch.setattr(written_files, "run_module", run)
+    reply = await running.client.get(f"/maps/{map_id}/changes")
+    assert reply.status_code == 500
+    assert str(running.data_dir) not in reply.text
+
+
 async def test_a_map_without_photos_has_an_empty_report(
     running: RunningService, questions: list[dict[str, object]]
 ) -> None:
