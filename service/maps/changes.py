@@ -13,14 +13,15 @@ import json
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
 
 import numpy as np
 
 from panoloc.service.answer import Document, in_map_axes
-from panoloc.service.errors import StorageError
+from panoloc.service.errors import InvalidOptionsError, StorageError
 from panoloc.service.jobs import ChangePhoto, MapRef
 from panoloc.service.storage import Storage
 
@@ -39,9 +40,19 @@ class Period:
     since: datetime | None = None
     until: datetime | None = None
 
-    def has(self, time: datetime) -> bool:
+    @classmethod
+    def between(cls, since: str | None, until: str | None) -> "Period":
+        """Return the period between two times (RFC 3339), or days (UTC), which count whole. Raises InvalidOptionsError."""
+        period = cls(_time_of("since", since, time.min), _time_of("until", until, time.max))
+        if period.since is not None and period.until is not None and period.since > period.until:
+            raise InvalidOptionsError.of(
+                "since", f"expected a time before until, got {since} after {until}; exchange them, or leave one out"
+            )
+        return period
+
+    def has(self, moment: datetime) -> bool:
         """Tell whether a time lies in the period."""
-        return (self.since is None or time >= self.since) and (self.until is None or time <= self.until)
+        return (self.since is None or moment >= self.since) and (self.until is None or moment <= self.until)
 
 
 class ChangeLog:
@@ -218,6 +229,22 @@ class ChangeLog:
                 yield kept
 
 
+def _time_of(field: str, text: str | None, of_day: time) -> datetime | None:
+    """Return a time; of_day: for a date alone."""
+    if text is None:
+        return None
+    with suppress(ValueError):
+        return datetime.combine(date.fromisoformat(text), of_day, UTC)
+    with suppress(ValueError):
+        if (found := datetime.fromisoformat(text)).tzinfo is not None:
+            return found
+    raise InvalidOptionsError.of(
+        field,
+        "expected a date such as 2026-11-21, or a time with its zone such as 2026-11-21T12:00:00Z (in a URL, a + is "
+        f"%2B), got {text[:40]!r}",
+    )
+
+
 def _is_own(photo: Document) -> bool:
     """Tell whether a photo is a small one of this log, not an image of a batch."""
     return bool(photo["key"].startswith("change-photos/"))
@@ -242,8 +269,8 @@ def _oldest() -> str:
     return _time_stamp(datetime.now(UTC) - timedelta(seconds=_LIFETIME_S))
 
 
-def _time_stamp(time: datetime) -> str:
-    return time.strftime("%Y%m%dT%H%M%S%f")
+def _time_stamp(moment: datetime) -> str:
+    return moment.strftime("%Y%m%dT%H%M%S%f")
 
 
 def _unpacked(packed: str) -> list[Cell]:

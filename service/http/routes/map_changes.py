@@ -5,7 +5,6 @@ from datetime import UTC, datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request
-from pydantic import AwareDatetime
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.options import ReportFormat
@@ -36,11 +35,16 @@ _ENDINGS: dict[ReportFormat, str] = {"bcf": "bcfzip"}  # others are named like t
 
 async def _period(
     since: Annotated[
-        AwareDatetime | None, Query(description="Only answers from this time on, such as `2026-11-21T12:00:00Z`.")
+        str | None,
+        Query(
+            description="Only answers from this time on, such as `2026-11-21T12:00:00Z`, or from this day (UTC) on, such as `2026-11-21`."
+        ),
     ] = None,
-    until: Annotated[AwareDatetime | None, Query(description="Only answers up to this time.")] = None,
+    until: Annotated[
+        str | None, Query(description="Only answers up to this time, or up to the end of this day (UTC).")
+    ] = None,
 ) -> Period:
-    return Period(since, until)
+    return Period.between(since, until)
 
 
 _Asked = Annotated[Period, Depends(_period)]
@@ -148,9 +152,12 @@ class _Seen:
         first, last = (f"{time:%Y-%m-%d %H:%M} UTC" if time else None for time in (period.since, period.until))
         words = " ".join(f"{name} {text}" for name, text in (("from", first), ("until", last)) if text)
         photos = f"{self.num_photos} photo{'s' * (self.num_photos != 1)}"
+        when = f" {words}" if words else ""
+        found = f"Found in {photos}{when}, compared with the scan." if self.num_photos else f"No photos are kept{when}."
         return {
             "title": self.record.name,
-            "period": f"Found in {photos}{' ' + words if words else ''}, compared with the scan.",
+            "num_photos": self.num_photos,
+            "period": found,
             "made_at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
             **place_on_earth(self.record),
         }

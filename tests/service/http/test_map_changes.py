@@ -87,7 +87,6 @@ async def test_objects_are_found_in_photos_of_batches_alone_and_go_with_them(
     assert len(questions) == 1  # found once, remembered
     early = await running.json(path, until="2020-01-01T00:00:00Z")
     assert (early["objects"], early["answers"]) == ([], [])
-    assert await running.status("GET", f"{path}?since=yesterday") == 422
     assert await running.status("DELETE", f"/batches/{batch_id}") == 204
     left = await running.json(path)
     assert (left["objects"], left["num_photos"], len(left["answers"])) == ([], 0, 2)
@@ -165,6 +164,27 @@ async def test_a_map_without_photos_has_an_empty_report(
     map_id = await running.ready_map()
     assert (await running.client.get(f"/maps/{map_id}/changes/report")).status_code == 200
     assert questions[-1]["objects"] == []
+    period = {"since": "2026-11-20", "until": "2026-11-21"}
+    await running.client.get(f"/maps/{map_id}/changes/report", params=period)
+    words = "No photos are kept from 2026-11-20 00:00 UTC until 2026-11-21 23:59 UTC."
+    assert (questions[-1]["num_photos"], questions[-1]["period"]) == (0, words)
+
+
+@pytest.mark.parametrize(
+    ("period", "field", "message"),
+    [
+        ({"since": "yesterday"}, "since", "such as 2026-11-21"),
+        ({"until": "2026-11-21T12:00:00"}, "until", "with its zone"),
+        ({"since": "2026-11-22", "until": "2026-11-21"}, "since", "exchange them"),
+    ],
+)
+async def test_a_period_that_cannot_be_is_refused_with_what_to_send(
+    running: RunningService, period: dict[str, str], field: str, message: str
+) -> None:
+    map_id = await running.ready_map()
+    reply = await running.client.get(f"/maps/{map_id}/changes", params=period)
+    assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, field)
+    assert message in reply.json()["detail"]
 
 
 def test_an_object_stands_on_the_highest_floor_below_it() -> None:

@@ -123,6 +123,15 @@ async def test_a_small_photo_lives_as_long_as_its_answer_and_its_batch(log: Chan
     assert not list((tmp_path / "change-photos").rglob("*.webp"))
 
 
+def test_days_count_whole_and_in_utc() -> None:
+    day = Period.between("2026-11-21", "2026-11-21")
+    assert day.has(datetime(2026, 11, 21, tzinfo=UTC))
+    assert day.has(datetime(2026, 11, 21, 23, 59, 59, tzinfo=UTC))
+    assert not day.has(datetime(2026, 11, 22, tzinfo=UTC))
+    assert not day.has(datetime(2026, 11, 20, 23, 59, 59, tzinfo=UTC))
+    assert Period.between("2026-11-21T12:00:00+01:00", None).has(datetime(2026, 11, 21, 11, tzinfo=UTC))
+
+
 async def test_only_answers_of_the_period_count(log: ChangeLog) -> None:
     await log.note(answer(1), seen((0, 0, 0), changed=((0, 0, 0),)), PHOTO, SMALL)
     hour = timedelta(hours=1)
