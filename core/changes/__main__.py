@@ -93,7 +93,8 @@ def _uploaded(given: dict[str, Any]) -> Panorama:
     description = None if camera is None else CameraDescription(**camera)
     # Its size was checked when it was localized.
     photo = read_image(Path(given["image"]).read_bytes(), camera=description, max_pixels=sys.maxsize)
-    return rig_on_sphere(Rig.of_photo(photo), _PHOTO_ROWS)[0]
+    sphere, _ = rig_on_sphere(Rig.of_photo(photo), _PHOTO_ROWS)
+    return Panorama(sphere.color.copy(), sphere.valid)
 
 
 def _picture(change: Change, photos: Sequence[DatedPhoto], rendered: RenderCloud, cloud: PointCloud) -> Image.Image:

@@ -13,16 +13,15 @@ import json
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from datetime import UTC, date, datetime, time, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
 
 from panoloc.service.answer import Document, in_map_axes
-from panoloc.service.errors import InvalidOptionsError, StorageError
+from panoloc.service.errors import StorageError
 from panoloc.service.jobs import ChangePhoto, MapRef
+from panoloc.service.maps.period import ALWAYS, Period
 from panoloc.service.storage import Storage
 
 MOST_ANSWERS = 200
@@ -31,28 +30,6 @@ MOST_ANSWERS = 200
 _LIFETIME_S = 30 * 24 * 3600  # for which an answer counts
 _NO_BATCH = "queries"  # of photos that belong to none
 Cell = tuple[int, int, int]
-
-
-@dataclass(frozen=True)
-class Period:
-    """The answers from `since` to `until`, which have a time zone; None: from the first that still counts, to the last."""
-
-    since: datetime | None = None
-    until: datetime | None = None
-
-    @classmethod
-    def between(cls, since: str | None, until: str | None) -> "Period":
-        """Return the period between two times (RFC 3339), or days (UTC), which count whole. Raises InvalidOptionsError."""
-        period = cls(_time_of("since", since, time.min), _time_of("until", until, time.max))
-        if period.since is not None and period.until is not None and period.since > period.until:
-            raise InvalidOptionsError.of(
-                "since", f"expected a time before until, got {since} after {until}; exchange them, or leave one out"
-            )
-        return period
-
-    def has(self, moment: datetime) -> bool:
-        """Tell whether a time lies in the period."""
-        return (self.since is None or moment >= self.since) and (self.until is None or moment <= self.until)
 
 
 class ChangeLog:
@@ -87,7 +64,7 @@ class ChangeLog:
         if answer["status"] == "localized" and len(cameras) == 1 and is_known:
             await asyncio.to_thread(self._note_batch, answer, key, camera)
 
-    async def document(self, ref: MapRef, origin_offset: list[float], period: Period = Period()) -> Document:
+    async def document(self, ref: MapRef, origin_offset: list[float], period: Period = ALWAYS) -> Document:
         """Return the body of `GET /maps/{id}/changes`, but for its objects, for the revision that answers queries."""
         return await asyncio.to_thread(self._document, ref, origin_offset, period)
 
@@ -227,22 +204,6 @@ class ChangeLog:
                 continue
             if kept["revision"] == ref.revision and period.has(datetime.fromisoformat(kept["answer"]["created_at"])):
                 yield kept
-
-
-def _time_of(field: str, text: str | None, of_day: time) -> datetime | None:
-    """Return a time; of_day: for a date alone."""
-    if text is None:
-        return None
-    with suppress(ValueError):
-        return datetime.combine(date.fromisoformat(text), of_day, UTC)
-    with suppress(ValueError):
-        if (found := datetime.fromisoformat(text)).tzinfo is not None:
-            return found
-    raise InvalidOptionsError.of(
-        field,
-        "expected a date such as 2026-11-21, or a time with its zone such as 2026-11-21T12:00:00Z (in a URL, a + is "
-        f"%2B), got {text[:40]!r}",
-    )
 
 
 def _is_own(photo: Document) -> bool:

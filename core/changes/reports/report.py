@@ -22,7 +22,8 @@ _PLAN_PX = 1400
 class ChangeReport:
     """One report.
 
-    title: the name of the map. num_photos: that were compared. period: theirs, in words. made_at: ISO 8601. objects: as in the HTTP contract, the surest first. pictures: JPEGs by
+    title: the name of the map. num_photos: that were compared.
+    period: theirs, in words. made_at: ISO 8601. objects: as in the HTTP contract, the surest first. pictures: JPEGs by
     id of an object. plan: PNG. coordinate_system: of the positions, georeference and
     geoid_undulation_m: of the map; None where they are unknown.
     """
@@ -50,7 +51,8 @@ class ChangeReport:
 
 
 def read_report(document: dict[str, Any], cloud: PointCloud) -> ChangeReport:
-    """Return the report of a document: title, num_photos, period, made_at, found (a zip of `panoloc.core.changes`), objects, and the map's place."""
+    """Return the report of a document: title, num_photos, period, made_at, found (a zip of `panoloc.core.changes`), objects, and the
+    map's place."""
     with zipfile.ZipFile(document["found"]) as archive:
         pictures = {
             name.removesuffix(".jpg"): archive.read(name) for name in archive.namelist() if name.endswith(".jpg")

@@ -15,7 +15,7 @@ from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from panoloc.service.http.schemas.maps import MapChanges
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.changed_objects import FoundObjects
-from panoloc.service.maps.changes import Period
+from panoloc.service.maps.period import Period
 from panoloc.service.maps.record import MapRecord, place_on_earth
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.services import Services, services_of

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from panoloc.service.jobs import ChangePhoto, MapRef
-from panoloc.service.maps.changes import MOST_ANSWERS, ChangeLog, Period
+from panoloc.service.maps.changes import MOST_ANSWERS, ChangeLog
+from panoloc.service.maps.period import Period
 from panoloc.service.storage import FolderStorage
 
 pytestmark = pytest.mark.anyio
