@@ -207,16 +207,27 @@ class Localizations:
                 if chosen.refs == former.refs:
                     raise
 
+    async def note_batch(self, answer: Document, key: str, camera: Document | None) -> None:
+        """Have what changed found in an image, too, whose answer a batch took over; a failure is logged. See `ChangeLog.note_batch`."""
+        try:
+            await self.changes.note_batch(answer, key, camera)
+            await self._forget_changes(answer["map_id"])
+        except (ServiceError, OSError, ValueError) as error:
+            _log.warning("changes are not looked for in an image of a batch", key=key, error=str(error))
+
     async def _note_changes(self, answer: Document, outcome: LocalizeOutcome, query: LocalizeRequest) -> None:
         """Store what an answer saw changed; a failure is logged and does not fail the answer."""
         try:
             images = [image.data for image in query.images]
             await self.changes.note(answer, outcome.change_cells, images, outcome.change_photo, query.batch_id)
-            map_id = answer["map_id"]
-            if map_id is not None and not self.registry.has(map_id):  # deleted meanwhile
-                await self.changes.forget(map_id)
+            await self._forget_changes(answer["map_id"])
         except (ServiceError, OSError) as error:
             _log.warning("change cells cannot be stored", error=str(error))
+
+    async def _forget_changes(self, map_id: str | None) -> None:
+        """Delete what is kept of a map that was deleted meanwhile."""
+        if map_id is not None and not self.registry.has(map_id):
+            await self.changes.forget(map_id)
 
     async def _forget_deleted(self, chosen: ChosenMaps) -> None:
         """Delete the stored answer when one of its maps was deleted meanwhile; its caller still gets it."""

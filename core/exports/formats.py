@@ -71,6 +71,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
         if photo.is_converted and photo.image is not None and photo.name not in written:
             yield ExportedFile(photo.name, photo.image)
     lines = "".join(f"{display_name(each.name)}\t{each.reason}\n" for each in held.left_out)
+    lines += f"{tour.lacks}\n" if tour.lacks else ""
     yield ExportedFile("unplaced.txt", lines.encode(errors="surrogateescape"))
     summary = {
         "format": format_name,
@@ -78,6 +79,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
         "north": north_of(format_name, tour),
         "num_photos": len(held.photos),
         "placed_by_hand": [photo.name for photo in held.photos if photo.is_by_hand],
+        "lacks": tour.lacks,
         "left_out": [{"name": each.name, "reason": each.reason} for each in held.left_out],
     }
     yield ExportedFile("export.json", (json.dumps(summary, indent=1) + "\n").encode())

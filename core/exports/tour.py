@@ -72,7 +72,7 @@ class Tour:
     scan, bottom up, in the map's frame. title: the name of the map, for people. created_unix_s: when the photos were placed; stands
     for the time of a photo where a format needs one. scan: a PLY with the points of the map in its own frame, for formats
     that hold points. survey: the original scan, an E57 in the map's own frame, which the export as E57 copies. page: folder with the
-    built page of the walk-through.
+    built page of the walk-through. lacks: what cannot be in the export, and why; None: nothing.
     """
 
     name: str
@@ -87,6 +87,7 @@ class Tour:
     floor_levels_m: tuple[float, ...] = ()
     title: str = ""
     page: Path | None = None
+    lacks: str | None = None
 
     @property
     def times_unix_s(self) -> list[float]:

@@ -20,6 +20,11 @@ from panoloc.service.maps.reading import is_in_map_frame
 from panoloc.service.maps.record import MapRecord, key_of, map_document
 from panoloc.service.storage import Storage
 
+_WITHOUT_MAP = (
+    "Without points, walls, floors and scans of the map, and without its place on Earth: the map was deleted, or is "
+    "not yours to see."
+)
+
 
 @dataclass(frozen=True)
 class ExportRequest:
@@ -89,15 +94,17 @@ def _tour_document(
         if why_left_out(result, wanted.map_id, wanted.include_ambiguous) is None:
             image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
         photos.append(Photo(name, image, result))
-    return tour_document(
+    points = _points(storage, place, stack)
+    tour = tour_document(
         wanted.map_id,
         wanted.include_ambiguous,
         photos,
         datetime.fromisoformat(wanted.record.created_at).timestamp(),
         {} if place is None else map_document(place, None),
-        _points(storage, place, stack),
+        points,
         _survey(storage, place, stack) if wanted.format == "e57" else None,
     )
+    return {**tour, "lacks": _WITHOUT_MAP if points is None else None}
 
 
 def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:

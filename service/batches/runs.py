@@ -7,13 +7,14 @@ that ends, another takes it over.
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import asdict
 from typing import Any, TypeVar
 
 import structlog
 
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.image.image_header import IMAGE, open_image
-from panoloc.service.batches.record import BatchRecord
+from panoloc.service.batches.record import BatchRecord, image_key
 from panoloc.service.batches.store import BatchStore
 from panoloc.service.errors import (
     EXPECTED_ERRORS,
@@ -183,7 +184,11 @@ class BatchRuns:
             found = await self._localizations.get(answer_id)
         except (LocalizationNotFoundError, CacheDownError):
             return None
-        return found if found["status"] in ("localized", "ambiguous", "not_localized") else None
+        if found["status"] not in ("localized", "ambiguous", "not_localized"):
+            return None
+        camera = None if record.camera is None else asdict(record.camera)
+        await self._localizations.note_batch(found, image_key(record.id, number), camera)
+        return found
 
 
 async def _persistently(work: Callable[[], Awaitable[_T]], what: str, max_tries: int | None = None) -> _T:

@@ -23,9 +23,10 @@ def changes(
         Path | None, typer.Option(dir_okay=False, help="File of the report; default: MAP-changes.FORMAT here.")
     ] = None,
     since: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Only photos from then on, such as 2026-11-21T12:00:00Z.")
+        str | None,
+        typer.Option(metavar="TIME", help="Only photos from then on: 2026-11-21 (UTC) or 2026-11-21T12:00:00Z."),
     ] = None,
-    until: Annotated[str | None, typer.Option(metavar="TIME", help="Only photos up to then.")] = None,
+    until: Annotated[str | None, typer.Option(metavar="TIME", help="Only photos up to then, a day included.")] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
@@ -46,6 +47,8 @@ def changes(
         session.results.print(_table(found["objects"]))
     elif found["num_photos"]:
         session.messages.print(f"No object that changed was found in {found['num_photos']} photos.")
+    elif query:
+        session.messages.print("No photos are kept from this period to look for objects in.")
     else:
         session.messages.print(
             "No photos are kept to look for objects in; place some with panoloc place.", markup=False

@@ -5,11 +5,15 @@ import json
 import os
 from typing import Any, BinaryIO
 
+import structlog
+
 from panoloc.core.errors import ExportRefusedError
 from panoloc.service.errors import ExportFailedError
 from panoloc.service.host.child_processes import run_module
 from panoloc.service.jobs import new_id
 from panoloc.service.storage import Storage
+
+_log = structlog.get_logger(__name__)
 
 _REFUSED = 3  # exit code for what cannot be written as was asked for
 
@@ -33,7 +37,9 @@ async def written_file(
         if code == _REFUSED:
             raise ExportRefusedError(message)
         if code != 0:
-            raise ExportFailedError(f"the process of {module} ended with exit code {code}: {message}")
+            # Its message may name folders of this machine, which callers are not told.
+            _log.error("a process that writes a file failed", module=module, exit_code=code, error=message)
+            raise ExportFailedError("the process that writes the file failed; report it with the request id")
         return target.open("rb")
     except TimeoutError as error:
         raise ExportFailedError(f"expected a file within {time_s:g} s, got none; ask for fewer photos") from error

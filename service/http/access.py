@@ -1,12 +1,14 @@
 """Asks callers for an API key or a token, when there are any, and says which maps and batches a caller sees."""
 
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 
 from fastapi import Request, Security
 from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
 
+from panoloc.core.errors import ExportRefusedError
 from panoloc.service.batches.record import BatchRecord
-from panoloc.service.errors import KeyMissingError, ScopeMissingError
+from panoloc.service.errors import ExportFailedError, KeyMissingError, ScopeMissingError, StorageError
 from panoloc.service.keys.audit_log import Change
 from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
 from panoloc.service.keys.tokens import TokenRefusedError
@@ -56,6 +58,17 @@ def require(scope: Scope) -> Callable[..., Awaitable[None]]:
 def maps_seen(request: Request) -> VisibleMaps:
     """Return the maps that the caller sees: his own, and those that are shared with him."""
     return services_of(request).registry.seen_by(caller_of(request).tenant)
+
+
+@asynccontextmanager
+async def while_there(request: Request, map_id: str) -> AsyncIterator[None]:
+    """Raise MapNotFoundError in place of what fails because the map was deleted meanwhile."""
+    try:
+        yield
+    except (StorageError, ExportFailedError, ExportRefusedError):
+        await services_of(request).registry.refresh(map_id)
+        maps_seen(request).get(map_id)
+        raise
 
 
 def own_map(request: Request, map_id: str) -> MapRecord:

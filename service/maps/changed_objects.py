@@ -73,7 +73,7 @@ class ChangedObjects:
         self._found.clear()
 
     async def report(self, ref: MapRef, found: FoundObjects, about: Document, wanted: ReportFormat) -> bytes:
-        """Return a report of what was found. about: title, period, made_at, coordinate_system, georeference and
+        """Return a report of what was found. about: title, num_photos, period, made_at, coordinate_system, georeference and
         geoid_undulation_m. Raises ExportFailedError and StorageError."""
         with ExitStack() as stack:
             points = await asyncio.to_thread(self._copy, key_of(ref, "points.ply"), stack)

@@ -3,7 +3,7 @@
 In storage: `changes/{map}/{time}-{answer}-{images}.json`, beside the maps and not in them: an answer that comes in
 while its map is being deleted leaves nothing in the folder of that map. {images} is a digest: the same images sent
 again are no second witness. A small photo, where one may be kept, lies in `change-photos/{batch}/`, and goes with its
-answer or its batch.
+answer or its batch. A batch that took the answer over has the photo itself.
 """
 
 import asyncio
@@ -13,7 +13,6 @@ import json
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -22,6 +21,7 @@ import numpy as np
 from panoloc.service.answer import Document, in_map_axes
 from panoloc.service.errors import StorageError
 from panoloc.service.jobs import ChangePhoto, MapRef
+from panoloc.service.maps.period import ALWAYS, Period
 from panoloc.service.storage import Storage
 
 MOST_ANSWERS = 200
@@ -30,18 +30,6 @@ MOST_ANSWERS = 200
 _LIFETIME_S = 30 * 24 * 3600  # for which an answer counts
 _NO_BATCH = "queries"  # of photos that belong to none
 Cell = tuple[int, int, int]
-
-
-@dataclass(frozen=True)
-class Period:
-    """The answers from `since` to `until`, which have a time zone; None: from the first that still counts, to the last."""
-
-    since: datetime | None = None
-    until: datetime | None = None
-
-    def has(self, time: datetime) -> bool:
-        """Tell whether a time lies in the period."""
-        return (self.since is None or time >= self.since) and (self.until is None or time <= self.until)
 
 
 class ChangeLog:
@@ -65,7 +53,18 @@ class ChangeLog:
         if cells is not None and answer["map_id"] is not None:
             await asyncio.to_thread(self._note, answer, cells, images, photo, batch_id)
 
-    async def document(self, ref: MapRef, origin_offset: list[float], period: Period = Period()) -> Document:
+    async def note_batch(self, answer: Document, key: str, camera: Document | None) -> None:
+        """Remember that a batch has the image of an answer, under a key in storage.
+
+        camera: of the batch; None: the image says so itself.
+        """
+        cameras = [image["camera"]["model"] for image in answer["images"]]
+        # A distortion is not in the answer.
+        is_known = camera is not None or not cameras[0].startswith("opencv")
+        if answer["status"] == "localized" and len(cameras) == 1 and is_known:
+            await asyncio.to_thread(self._note_batch, answer, key, camera)
+
+    async def document(self, ref: MapRef, origin_offset: list[float], period: Period = ALWAYS) -> Document:
         """Return the body of `GET /maps/{id}/changes`, but for its objects, for the revision that answers queries."""
         return await asyncio.to_thread(self._document, ref, origin_offset, period)
 
@@ -126,6 +125,25 @@ class ChangeLog:
         for each in (*again, *(each for each in others if each < oldest or each in others[:-MOST_ANSWERS])):
             self._delete(f"{folder}/{each}")
 
+    def _note_batch(self, answer: Document, key: str, camera: Document | None) -> None:
+        folder = _folder_of(answer["map_id"])
+        for name in self._storage.names(folder):
+            if f"-{answer['id']}-" not in name:
+                continue
+            kept = json.loads(self._storage.read(f"{folder}/{name}"))
+            if kept["photo"] and _is_own(kept["photo"]):
+                continue
+            motion = answer["pose"]["map_from_camera"]
+            kept["photo"] = {
+                "key": key,
+                "position_m": [motion["position_m"][axis] for axis in "xyz"],
+                "quaternion_xyzw": [motion["quaternion"][axis] for axis in "xyzw"],
+                "frame": answer["pose"]["frame"],
+                "found_camera": answer["images"][0]["camera"],
+                "camera": camera,
+            }
+            self._storage.replace(f"{folder}/{name}", json.dumps(kept).encode())
+
     def _keep(self, photo: ChangePhoto, name: str) -> Document:
         """Store a photo, and return what is said of it."""
         key = f"change-photos/{name}"
@@ -138,7 +156,7 @@ class ChangeLog:
             photo = json.loads(self._storage.read(key)).get("photo")
         except (StorageError, ValueError):
             photo = None
-        if photo:
+        if photo and _is_own(photo):
             self._storage.delete(photo["key"])
         self._storage.delete(key)
 
@@ -188,6 +206,11 @@ class ChangeLog:
                 yield kept
 
 
+def _is_own(photo: Document) -> bool:
+    """Tell whether a photo is a small one of this log, not an image of a batch."""
+    return bool(photo["key"].startswith("change-photos/"))
+
+
 def _position_of(pose: Document) -> list[float]:
     """Return the position of a photo in the map's own axes, whatever axes the answer has."""
     return list(in_map_axes(list(pose["map_from_camera"]["position_m"].values()), pose["frame"]))
@@ -207,8 +230,8 @@ def _oldest() -> str:
     return _time_stamp(datetime.now(UTC) - timedelta(seconds=_LIFETIME_S))
 
 
-def _time_stamp(time: datetime) -> str:
-    return time.strftime("%Y%m%dT%H%M%S%f")
+def _time_stamp(moment: datetime) -> str:
+    return moment.strftime("%Y%m%dT%H%M%S%f")
 
 
 def _unpacked(packed: str) -> list[Cell]:

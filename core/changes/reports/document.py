@@ -7,7 +7,7 @@ from fpdf import FPDF
 from fpdf.fonts import FontFace
 from PIL import Image
 
-from panoloc.core.changes.reports.report import ChangeReport, color_of, count_words, kind_words, place_words, size_words
+from panoloc.core.changes.reports.report import ChangeReport, color_of, kind_words, place_words, size_words
 
 _MARGIN_MM = 15.0
 _WIDTH_MM = 210.0 - 2 * _MARGIN_MM
@@ -45,7 +45,7 @@ def _first_page(pdf: FPDF, report: ChangeReport) -> None:
     pdf.multi_cell(0, 9, _latin(f"Changes in {report.title}"), new_x="LMARGIN", new_y="NEXT")
     system = "" if report.coordinate_system is None else f" ({report.coordinate_system[:60]})"
     pdf.set_font("helvetica", size=10)
-    pdf.multi_cell(0, 5.5, _latin(f"{count_words(report.objects)}. {report.period}"), new_x="LMARGIN", new_y="NEXT")
+    pdf.multi_cell(0, 5.5, _latin(report.summary), new_x="LMARGIN", new_y="NEXT")
     pdf.set_text_color(110)
     note = f"Made {report.made_at}. Positions are metres in the map's own frame{system}."
     pdf.multi_cell(0, 5.5, _latin(note), new_x="LMARGIN", new_y="NEXT")
@@ -58,7 +58,7 @@ def _first_page(pdf: FPDF, report: ChangeReport) -> None:
     pdf.image(jpeg, w=width, x=_MARGIN_MM + (_WIDTH_MM - width) / 2, alt_text="Plan with the numbered changes")
     pdf.ln(5)
     if not report.objects:
-        pdf.cell(0, 6, "No change was found.")
+        pdf.cell(0, 6, report.nothing)
         return
     pdf.set_font("helvetica", size=9)
     widths = (8, 18, 50, 42, 12, 22, 16)

@@ -22,12 +22,14 @@ _PLAN_PX = 1400
 class ChangeReport:
     """One report.
 
-    title: the name of the map. period: in words. made_at: ISO 8601. objects: as in the HTTP contract, the surest first. pictures: JPEGs by
+    title: the name of the map. num_photos: that were compared.
+    period: theirs, in words. made_at: ISO 8601. objects: as in the HTTP contract, the surest first. pictures: JPEGs by
     id of an object. plan: PNG. coordinate_system: of the positions, georeference and
     geoid_undulation_m: of the map; None where they are unknown.
     """
 
     title: str
+    num_photos: int
     period: str
     made_at: str
     objects: Sequence[dict[str, Any]]
@@ -37,9 +39,20 @@ class ChangeReport:
     georeference: dict[str, Any] | None
     geoid_undulation_m: float | None
 
+    @property
+    def summary(self) -> str:
+        """Return what was found in which photos."""
+        return f"{count_words(self.objects)}. {self.period}" if self.num_photos else self.period
+
+    @property
+    def nothing(self) -> str:
+        """Return what stands in place of an empty list."""
+        return "No change was found." if self.num_photos else "Nothing was compared: there were no photos."
+
 
 def read_report(document: dict[str, Any], cloud: PointCloud) -> ChangeReport:
-    """Return the report of a document: title, period, made_at, found (a zip of `panoloc.core.changes`), objects, and the map's place."""
+    """Return the report of a document: title, num_photos, period, made_at, found (a zip of `panoloc.core.changes`), objects, and the
+    map's place."""
     with zipfile.ZipFile(document["found"]) as archive:
         pictures = {
             name.removesuffix(".jpg"): archive.read(name) for name in archive.namelist() if name.endswith(".jpg")
@@ -48,6 +61,7 @@ def read_report(document: dict[str, Any], cloud: PointCloud) -> ChangeReport:
     shown = {each["id"]: pictures[each["id"]] for each in objects if each["id"] in pictures}
     return ChangeReport(
         document["title"],
+        document["num_photos"],
         document["period"],
         document["made_at"],
         objects,

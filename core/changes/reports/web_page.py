@@ -4,7 +4,7 @@ import base64
 from html import escape
 from typing import Any
 
-from panoloc.core.changes.reports.report import ChangeReport, color_of, count_words, kind_words, place_words, size_words
+from panoloc.core.changes.reports.report import ChangeReport, color_of, kind_words, place_words, size_words
 
 _STYLE = """
 :root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
@@ -25,13 +25,13 @@ def as_html(report: ChangeReport) -> bytes:
     rows = "".join(_row(number, each) for number, each in enumerate(report.objects, 1))
     parts = "".join(_section(report, number, each) for number, each in enumerate(report.objects, 1))
     head = "<tr><th>#</th><th>Change</th><th>Place x, y, z (m)</th><th>Size</th><th>Floor</th><th>Certainty</th><th>Photos</th></tr>"
-    table = f'<div class="wide"><table>{head}{rows}</table></div>' if rows else "<p>No change was found.</p>"
+    table = f'<div class="wide"><table>{head}{rows}</table></div>' if rows else f"<p>{report.nothing}</p>"
     title = escape(report.title)
     page = f"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Changes in {title}</title><style>{_STYLE}</style>
 <h1>Changes in {title}</h1>
-<p>{count_words(report.objects)}. {escape(report.period)}</p>
+<p>{escape(report.summary)}</p>
 <p class="soft">Made {escape(report.made_at)}. Positions are metres in the map's own frame{_system(report)}.</p>
 <img alt="Plan of {title} with the numbered changes" src="data:image/png;base64,{_base64(report.plan)}">
 <h2>List</h2>

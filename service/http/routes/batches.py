@@ -14,7 +14,7 @@ from panoloc.core.options import ExportFormat
 from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
-from panoloc.service.http.access import maps_seen, note_change, own_batch, require
+from panoloc.service.http.access import maps_seen, note_change, own_batch, require, while_there
 from panoloc.service.http.openapi import file_response, json_response, nothing_left
 from panoloc.service.http.routes.localize import while_connected
 from panoloc.service.http.schemas.batches import Batch
@@ -209,7 +209,10 @@ async def _made(
             of = map_of(record, results, map_id)
             await services.registry.find([of])
             maps = maps_seen(request)
-            return await make(record, results, of, maps.get(of) if maps.has(of) else None)
+            if not maps.has(of):
+                return await make(record, results, of, None)
+            async with while_there(request, of):
+                return await make(record, results, of, maps.get(of))
 
     return await while_connected(request, made())
 

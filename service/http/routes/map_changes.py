@@ -5,18 +5,17 @@ from datetime import UTC, datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request
-from pydantic import AwareDatetime
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.options import ReportFormat
 from panoloc.service.errors import ObjectNotFoundError
-from panoloc.service.http.access import caller_of, maps_seen, require
+from panoloc.service.http.access import caller_of, maps_seen, require, while_there
 from panoloc.service.http.openapi import file_response, json_response
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from panoloc.service.http.schemas.maps import MapChanges
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.changed_objects import FoundObjects
-from panoloc.service.maps.changes import Period
+from panoloc.service.maps.period import Period
 from panoloc.service.maps.record import MapRecord, place_on_earth
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.services import Services, services_of
@@ -36,11 +35,16 @@ _ENDINGS: dict[ReportFormat, str] = {"bcf": "bcfzip"}  # others are named like t
 
 async def _period(
     since: Annotated[
-        AwareDatetime | None, Query(description="Only answers from this time on, such as `2026-11-21T12:00:00Z`.")
+        str | None,
+        Query(
+            description="Only answers from this time on, such as `2026-11-21T12:00:00Z`, or from this day (UTC) on, such as `2026-11-21`."
+        ),
     ] = None,
-    until: Annotated[AwareDatetime | None, Query(description="Only answers up to this time.")] = None,
+    until: Annotated[
+        str | None, Query(description="Only answers up to this time, or up to the end of this day (UTC).")
+    ] = None,
 ) -> Period:
-    return Period(since, until)
+    return Period.between(since, until)
 
 
 _Asked = Annotated[Period, Depends(_period)]
@@ -110,7 +114,8 @@ async def get_report(
 ) -> Response:
     """Return plan, list and pictures of what changed. Where the map's place on Earth is unknown, GeoJSON is in metres and says so."""
     seen = await _Seen.by(request, map_id, period)
-    data = await seen.services.changed_objects.report(seen.ref, seen.found, seen.about(period), format)
+    async with while_there(request, map_id):
+        data = await seen.services.changed_objects.report(seen.ref, seen.found, seen.about(period), format)
     name = f"{map_id}-changes.{_ENDINGS.get(format, format)}"
     how = "inline" if format in ("html", "pdf") else "attachment"
     headers = {"Content-Disposition": f'{how}; filename="{name}"', "X-Content-Type-Options": "nosniff"}
@@ -134,7 +139,8 @@ class _Seen:
         services, record = services_of(request), maps_seen(request).get(map_id)
         ref = serving_ref(record)
         photos = await services.changes.photos(ref, period)
-        found = await services.changed_objects.find(ref, photos, _stats(record))
+        async with while_there(request, map_id):
+            found = await services.changed_objects.find(ref, photos, _stats(record))
         return cls(services, record, ref, len(photos), found)
 
     @property
@@ -146,9 +152,12 @@ class _Seen:
         first, last = (f"{time:%Y-%m-%d %H:%M} UTC" if time else None for time in (period.since, period.until))
         words = " ".join(f"{name} {text}" for name, text in (("from", first), ("until", last)) if text)
         photos = f"{self.num_photos} photo{'s' * (self.num_photos != 1)}"
+        when = f" {words}" if words else ""
+        found = f"Found in {photos}{when}, compared with the scan." if self.num_photos else f"No photos are kept{when}."
         return {
             "title": self.record.name,
-            "period": f"Found in {photos}{' ' + words if words else ''}, compared with the scan.",
+            "num_photos": self.num_photos,
+            "period": found,
             "made_at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
             **place_on_earth(self.record),
         }

@@ -51,8 +51,8 @@ OBJECTS = [
 ]
 
 
-def report(folder: Path, wanted: str, system: str | None = "EPSG:25832") -> bytes:
-    """Return a report of four changes, of which one is unsure, in a room of 4 m."""
+def report(folder: Path, wanted: str, system: str | None = "EPSG:25832", num_photos: int = 3) -> bytes:
+    """Return a report of four changes, of which one is unsure, in a room of 4 m; without photos of none."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0, 4, (4000, 3)).astype(np.float32) * (1, 1, 0.6)
     cloud = PointCloud(points.astype(np.float32), rng.integers(0, 255, (4000, 3), dtype=np.uint8), origin_offset=GRID)
@@ -62,9 +62,18 @@ def report(folder: Path, wanted: str, system: str | None = "EPSG:25832") -> byte
             picture = io.BytesIO()
             Image.new("RGB", (64, 32), "red").save(picture, "JPEG")
             archive.writestr(f"{each['id']}.jpg", picture.getvalue())
-    about = {"title": "Büro <3> 東", "period": "Found in 3 photos.", "made_at": "2026-11-22T08:00:00Z"}
+    about = {
+        "title": "Büro <3> 東",
+        "num_photos": num_photos,
+        "period": "Found in 3 photos.",
+        "made_at": "2026-11-22T08:00:00Z",
+    }
     place = {"coordinate_system": system, "georeference": None, "geoid_undulation_m": 45.0}
-    sources = {"points": str(folder / "points.ply"), "found": str(folder / "found.zip"), "objects": OBJECTS}
+    sources = {
+        "points": str(folder / "points.ply"),
+        "found": str(folder / "found.zip"),
+        "objects": OBJECTS if num_photos else [],
+    }
     (folder / "document.json").write_text(json.dumps({**about, **place, **sources}))
     assert main([str(folder / "document.json"), wanted, str(folder / "out")]) == 0
     return (folder / "out").read_bytes()
@@ -78,6 +87,14 @@ def test_the_page_stands_alone_and_escapes_names(tmp_path: Path) -> None:
     assert page.count("data:image/jpeg") == len(OBJECTS)
     assert "http" not in page
     assert "<script" not in page
+
+
+def test_without_photos_no_report_says_that_nothing_changed(tmp_path: Path) -> None:
+    page = report(tmp_path, "html", num_photos=0).decode()
+    assert "there were no photos" in page
+    assert "changed for sure" not in page
+    assert "No change" not in page
+    assert report(tmp_path, "pdf", num_photos=0).startswith(b"%PDF")
 
 
 def test_the_pdf_has_plan_list_and_pictures_and_takes_any_name(tmp_path: Path) -> None:

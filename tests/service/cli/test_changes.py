@@ -23,6 +23,7 @@ def test_objects_are_listed_with_place_size_and_certainty(panoloc: Panoloc, fake
 def test_without_photos_it_says_what_to_do(panoloc: Panoloc, fake: FakeService) -> None:
     fake.at_maps["map_1/changes"] = httpx.Response(200, json={**CHANGES_EXAMPLE, "objects": [], "num_photos": 0})
     assert "panoloc place" in panoloc("changes", "map_1").err
+    assert "this period" in panoloc("changes", "map_1", "--since", "2026-11-21").err
 
 
 def test_a_report_of_a_period_becomes_a_file(

@@ -331,7 +331,10 @@ async def test_a_map_that_is_deleted_while_its_batch_runs_fails_the_rest_and_wha
     assert {error["type"] for error in failed} == {"/problems/map-not-found"}
     rows = (await export(running, batch_id, "potree")).read("coordinates.txt").decode().splitlines()
     assert [row.split("\t")[0] for row in rows[1:]] == ["a.png"]
-    assert "points3D.txt" in (await export(running, batch_id, "colmap")).namelist()
+    model = await export(running, batch_id, "colmap")
+    assert "points3D.txt" in model.namelist()
+    assert "the map was deleted" in json.loads(model.read("export.json"))["lacks"]
+    assert "the map was deleted" in model.read("unplaced.txt").decode()
 
 
 async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: RunningService) -> None:
@@ -342,6 +345,7 @@ async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: 
     failed = next(item["name"] for item in items if item["status"] == "failed")
     (placed,) = {"a.png", "b.png"} - {failed}
     archive = await export(running, batch_id, "potree")
+    assert json.loads(archive.read("export.json"))["lacks"] is None
     assert archive.testzip() is None
     lines = archive.read("coordinates.txt").decode().splitlines()
     assert [line.split("\t")[0] for line in lines[1:]] == [placed]

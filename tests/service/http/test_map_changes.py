@@ -5,6 +5,7 @@ import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -86,10 +87,31 @@ async def test_objects_are_found_in_photos_of_batches_alone_and_go_with_them(
     assert len(questions) == 1  # found once, remembered
     early = await running.json(path, until="2020-01-01T00:00:00Z")
     assert (early["objects"], early["answers"]) == ([], [])
-    assert await running.status("GET", f"{path}?since=yesterday") == 422
     assert await running.status("DELETE", f"/batches/{batch_id}") == 204
     left = await running.json(path)
     assert (left["objects"], left["num_photos"], len(left["answers"])) == ([], 0, 2)
+
+
+async def test_a_batch_that_takes_answers_over_has_the_photos_of_them(
+    running: RunningService, questions: list[dict[str, Any]]
+) -> None:
+    running.pool.outcome_of = sees
+    map_id = await running.ready_map()
+    answer = (await running.localize(map_id)).json()
+    path = f"/maps/{map_id}/changes"
+    assert (await running.json(path))["num_photos"] == 0
+    options = json.dumps({"answers": [answer["id"]]})
+    batch_id = (await running.post_batch(map_id, "a.png", options=options)).json()["id"]
+    await running.done(batch_id)
+    assert (await running.json(path))["num_photos"] == 1
+    (asked,) = questions[-1]["photos"]
+    assert asked["position_m"] == list(answer["pose"]["map_from_camera"]["position_m"].values())
+    assert asked["image"].endswith(f"batches/{batch_id}/images/00000")
+    await running.localize(map_id)  # the same photo again forgets its former answer, not the image of the batch
+    assert await running.status("GET", f"/batches/{batch_id}/images/0") == 200
+    (await running.post_batch(map_id, "a.png", options=options)).raise_for_status()
+    assert await running.status("DELETE", f"/batches/{batch_id}") == 204
+    assert (await running.json(path))["num_photos"] == 0
 
 
 @pytest.mark.parametrize(("wanted", "kind"), [("pdf", "application/pdf"), ("geojson", "application/geo+json")])
@@ -105,12 +127,64 @@ async def test_a_report_says_what_was_found_and_where_the_map_is(
     assert "1 photo," in str(questions[-1]["period"])
 
 
+@pytest.mark.parametrize(
+    "path", ["/maps/{map}/changes", "/maps/{map}/changes/report", "/batches/{batch}/export?format=e57"]
+)
+async def test_a_map_that_is_deleted_while_something_is_made_of_it_is_not_found(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    map_id, batch_id = await changed_map(running)
+
+    async def run(module: str, source: str, *_: str, **__: object) -> tuple[int, str]:
+        assert await running.status("DELETE", f"/maps/{map_id}") == 204
+        return 1, f"FileNotFoundError: [Errno 2] No such file or directory: {source!r}"
+
+    monkeypatch.setattr(written_files, "run_module", run)
+    reply = await running.client.get(path.format(map=map_id, batch=batch_id))
+    assert (reply.status_code, reply.json()["type"]) == (404, "/problems/map-not-found")
+
+
+async def test_a_process_that_fails_tells_callers_no_path_of_this_machine(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    map_id, _ = await changed_map(running)
+
+    async def run(module: str, source: str, *_: str, **__: object) -> tuple[int, str]:
+        return 1, f"OSError: {source}"
+
+    monkeypatch.setattr(written_files, "run_module", run)
+    reply = await running.client.get(f"/maps/{map_id}/changes")
+    assert reply.status_code == 500
+    assert str(running.data_dir) not in reply.text
+
+
 async def test_a_map_without_photos_has_an_empty_report(
     running: RunningService, questions: list[dict[str, object]]
 ) -> None:
     map_id = await running.ready_map()
     assert (await running.client.get(f"/maps/{map_id}/changes/report")).status_code == 200
     assert questions[-1]["objects"] == []
+    period = {"since": "2026-11-20", "until": "2026-11-21"}
+    await running.client.get(f"/maps/{map_id}/changes/report", params=period)
+    words = "No photos are kept from 2026-11-20 00:00 UTC until 2026-11-21 23:59 UTC."
+    assert (questions[-1]["num_photos"], questions[-1]["period"]) == (0, words)
+
+
+@pytest.mark.parametrize(
+    ("period", "field", "message"),
+    [
+        ({"since": "yesterday"}, "since", "such as 2026-11-21"),
+        ({"until": "2026-11-21T12:00:00"}, "until", "with its zone"),
+        ({"since": "2026-11-22", "until": "2026-11-21"}, "since", "exchange them"),
+    ],
+)
+async def test_a_period_that_cannot_be_is_refused_with_what_to_send(
+    running: RunningService, period: dict[str, str], field: str, message: str
+) -> None:
+    map_id = await running.ready_map()
+    reply = await running.client.get(f"/maps/{map_id}/changes", params=period)
+    assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, field)
+    assert message in reply.json()["detail"]
 
 
 def test_an_object_stands_on_the_highest_floor_below_it() -> None:

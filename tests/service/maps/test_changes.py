@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from panoloc.service.jobs import ChangePhoto, MapRef
-from panoloc.service.maps.changes import MOST_ANSWERS, ChangeLog, Period
+from panoloc.service.maps.changes import MOST_ANSWERS, ChangeLog
+from panoloc.service.maps.period import Period
 from panoloc.service.storage import FolderStorage
 
 pytestmark = pytest.mark.anyio
@@ -121,6 +122,15 @@ async def test_a_small_photo_lives_as_long_as_its_answer_and_its_batch(log: Chan
     await log.note(answer(4), seen((0, 0, 0)), OTHER_PHOTO)  # the same photo again, now without one to keep
     await log.forget("map_a")
     assert not list((tmp_path / "change-photos").rglob("*.webp"))
+
+
+def test_days_count_whole_and_in_utc() -> None:
+    day = Period.between("2026-11-21", "2026-11-21")
+    assert day.has(datetime(2026, 11, 21, tzinfo=UTC))
+    assert day.has(datetime(2026, 11, 21, 23, 59, 59, tzinfo=UTC))
+    assert not day.has(datetime(2026, 11, 22, tzinfo=UTC))
+    assert not day.has(datetime(2026, 11, 20, 23, 59, 59, tzinfo=UTC))
+    assert Period.between("2026-11-21T12:00:00+01:00", None).has(datetime(2026, 11, 21, 11, tzinfo=UTC))
 
 
 async def test_only_answers_of_the_period_count(log: ChangeLog) -> None:
