@@ -12,7 +12,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from panoloc.core.image.heif_header import HEIF
-from panoloc.core.image.image_header import CONVERTED_KINDS, Upload, image_kind, open_image
+from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, Upload, image_kind, open_image
 from panoloc.core.sandbox import SandboxLimits, refuse_system_calls, sandbox_environment, take_limits
 
 if TYPE_CHECKING:
@@ -96,14 +96,11 @@ def _convert(data: bytes, max_pixels: int) -> bytes:
 
 def _small(data: bytes, max_pixels: int, max_side: int) -> bytes:
     """Return a small copy; of a JPEG only as much as that needs is decoded."""
-    from PIL import Image, ImageOps
+    from PIL import ImageOps
 
     if image_kind(data) in CONVERTED_KINDS:
         data = _convert(data, max_pixels)
-    Image.MAX_IMAGE_PIXELS = None
-    with Image.open(io.BytesIO(data)) as opened:
-        if opened.width * opened.height > max_pixels:
-            raise MemoryError(f"{opened.width:,} x {opened.height:,}")
+    with open_image(data, IMAGE, max_pixels) as opened:
         opened.draft("RGB", (max_side, max_side))
         upright = ImageOps.exif_transpose(opened)
     upright.thumbnail((max_side, max_side))

@@ -38,8 +38,11 @@ class Seen:
         return self.looks[self.axis].storey
 
 
-def ask_up_axis(context: ReadingContext, read_as: ReadAs, seen: Seen, up: UpAxis, is_sure: bool) -> None:
-    """Ask which axis points up; where it was given, only note a contradiction. up: by what was scanned."""
+def ask_up_axis(context: ReadingContext, read_as: ReadAs, seen: Seen, up: UpAxis, is_sure: bool, metres: float) -> None:
+    """Ask which axis points up; where it was given, only note a contradiction. up: by what was scanned.
+
+    metres: by which the positions seen become metres, where their unit is judged.
+    """
     code, found = "up_axis_doubtful", f"{up} points up" if is_sure else "it is not certain which axis points up"
     message = f"By its floor, ceiling and walls {found}"
     if read_as.up_axis_from == "given":
@@ -50,8 +53,9 @@ def ask_up_axis(context: ReadingContext, read_as: ReadAs, seen: Seen, up: UpAxis
     for axis in _AXES:
         storey = seen.looks["xyz".index(axis[-1])].storey
         if storey is not None or axis in ("z", up):
-            turned = ScanFrame(up_axis=axis).to_map(seen.positions)
-            choices.append(_choice(f"{axis} up", {"up_axis": axis}, turned, None if storey is None else storey.height))
+            turned = ScanFrame(metres, metres, axis).to_map(seen.positions)
+            height = None if storey is None else storey.height * metres
+            choices.append(_choice(f"{axis} up", {"up_axis": axis}, turned, height))
     context.ask(code, f"{message}; {read_as.up_axis} was taken.", "Which axis of the scan points up?", choices)
 
 

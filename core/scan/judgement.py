@@ -47,17 +47,19 @@ def judge(
     looks = [look_along(cells, axis, in_map, brightness) for axis in range(3)]
     up, axis, is_sure = up_axis_of(looks)
     seen = Seen(in_map, looks, axis if is_sure or looks[2].storey is None else 2)
+    storey = seen.storey
+    unit = "m" if storey is None else _unit_by_height(cells, storey, seen, up)
+    is_assumed = read_as.unit_from == read_as.height_unit_from == "assumed"
+    metres = METRES_PER_UNIT[unit] if unit is not None and is_assumed else 1.0
     if up != "z" and is_sure and read_as.up_axis_from == "assumed":
         frame, read_as = replace(frame, up_axis=up), replace(read_as, up_axis=up, up_axis_from="judged")
     elif (up != "z" and is_sure) or (not is_sure and read_as.up_axis_from == "assumed"):
-        ask_up_axis(context, read_as, seen, up, is_sure)
-    storey = seen.storey
-    if storey is None or (unit := _unit_by_height(cells, storey, seen, up)) == "m":
+        ask_up_axis(context, read_as, seen, up, is_sure, metres)
+    if storey is None or unit == "m":
         return Judged(frame, read_as)
-    if unit is None or read_as.unit_from != "assumed" or read_as.height_unit_from != "assumed":
+    if unit is None or not is_assumed:
         ask_unit(context, frame, read_as, seen, storey)
         return Judged(frame, read_as)
-    metres = METRES_PER_UNIT[unit]
     if unit == "ft" and np.abs(positions).max() > _FEET_DIFFER_FROM:
         ask_feet(context, seen, storey)
     read_as = replace(read_as, unit=unit, height_unit=unit, unit_from="judged", height_unit_from="judged")

@@ -1,38 +1,79 @@
 """How the scan of a map is read: whether as it is, and whether other options make a difference."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.options import ScanOptions
-from panoloc.service.maps.record import Revision
+from panoloc.core.scan.frame import unit_of
+from panoloc.service.maps.record import MapRecord, Revision
+
+
+def wanted_reading(record: MapRecord, given: Mapping[str, Any]) -> ScanOptions:
+    """Return how the newest scan of a map is to be read. given: options of it that were sent."""
+    return replace(record.newest.options.scan, **given, coordinate_system=record.coordinate_system)
+
+
+def with_stated(record: MapRecord, given: Mapping[str, Any]) -> MapRecord:
+    """Return a map with options that only state how its newest scan is read already, without the questions that they answer.
+
+    Where they alter the reading, the same map is returned.
+    """
+    newest, wanted = record.newest, wanted_reading(record, given)
+    if wanted == newest.options.scan or is_read_otherwise(newest, wanted):
+        return record
+    stated = {"unit": wanted.unit, "height_unit": _height_unit(wanted, wanted.unit), "up_axis": wanted.up_axis}
+    doubts = [each for each in newest.diagnostics if not _is_answered(each, stated)]
+    newest = replace(newest, options=replace(newest.options, scan=wanted), diagnostics=doubts)
+    return replace(record, newest=newest, serving=newest if newest.status == "ready" else record.serving)
 
 
 def is_read_otherwise(revision: Revision, wanted: ScanOptions) -> bool:
     """Tell whether a revision may have to be registered again for `wanted`. Of a coordinate system the units alone matter."""
-    former = revision.options.scan
-    if replace(wanted, coordinate_system=former.coordinate_system) != former:
+    former, read_as = revision.options.scan, _read_as(revision)
+    if (wanted.unit, wanted.height_unit) != (former.unit, former.height_unit):
+        # A unit that was judged is judged only as long as none is given.
+        is_kept = wanted.unit == former.unit == "auto" and read_as.get("unit_from") in ("assumed", "file")
+        unit = read_as["unit"] if is_kept else wanted.unit
+        if (unit, _height_unit(wanted, unit)) != (read_as["unit"], read_as["height_unit"]):
+            return True
+    if wanted.up_axis not in (former.up_axis, read_as["up_axis"]):
         return True
-    if wanted.coordinate_system == former.coordinate_system:
-        return False
-    systems = former.coordinate_system, wanted.coordinate_system
-    return not (_is_in_metres(revision) and all(map(_has_metres, systems)))
+    return wanted.coordinate_system != former.coordinate_system and _units_of(wanted.coordinate_system) != (
+        read_as["unit"],
+        read_as["height_unit"],
+    )
 
 
 def is_in_map_frame(revision: Revision) -> bool:
     """Tell whether the coordinates of the scan are those of the map."""
-    read_as = (revision.stats or {}).get("read_as")
-    up_axis = read_as["up_axis"] if read_as else revision.options.scan.up_axis
-    return _is_in_metres(revision) and up_axis == "z"
+    read_as = _read_as(revision)
+    return (read_as["unit"], read_as["height_unit"], read_as["up_axis"]) == ("m", "m", "z")
 
 
-def _is_in_metres(revision: Revision) -> bool:
-    read_as = (revision.stats or {}).get("read_as")
-    units = (read_as["unit"], read_as["height_unit"]) if read_as else (revision.options.scan.unit,)
-    return set(units) == {"m"}
+def _read_as(revision: Revision) -> dict[str, Any]:
+    """Return `stats.read_as`; before it is known, and of maps of earlier versions, what was given."""
+    given = revision.options.scan
+    return (revision.stats or {}).get("read_as") or {
+        "unit": given.unit,
+        "height_unit": _height_unit(given, given.unit),
+        "up_axis": given.up_axis,
+    }
 
 
-def _has_metres(system: str | None) -> bool:
+def _height_unit(options: ScanOptions, unit: str | None) -> str | None:
+    return unit if options.height_unit == "auto" else options.height_unit
+
+
+def _units_of(system: str | None) -> tuple[str | None, str | None]:
+    """Return the units of a grid and of its heights; metres without one."""
     if system is None:
-        return True
+        return "m", "m"
     found = coordinate_system(system)
-    return found.metres_per_unit == 1.0 and found.height_metres_per_unit in (None, 1.0)
+    return unit_of(found.metres_per_unit), unit_of(found.height_metres_per_unit or found.metres_per_unit)
+
+
+def _is_answered(diagnostic: Mapping[str, Any], stated: Mapping[str, Any]) -> bool:
+    choices = (diagnostic.get("question") or {}).get("choices", [])
+    return any(choice["patch"].items() <= stated.items() for choice in choices)

@@ -381,7 +381,7 @@ export interface components {
                 number,
                 number
             ];
-            /** @description Null for a map without `coordinate_system`. */
+            /** @description Null for a map without `coordinate_system`, and with a `georeference`. */
             grid: components["schemas"]["GridPosition"] | null;
             /** @description Null for a map without a place on Earth, and outside of its grid. */
             wgs84: components["schemas"]["EarthPosition"] | null;

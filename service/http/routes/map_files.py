@@ -26,7 +26,7 @@ from panoloc.service.storage import Storage
 router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
 
 Found = TypeVar("Found")
-_Metres = Annotated[float, Query(description="Metres in the map's own frame.", ge=-1e8, le=1e8)]
+_Metres = Annotated[float, Query(description="Metres in the map's own frame.", ge=-1e8, le=1e8, allow_inf_nan=False)]
 _PLY_TYPE = "application/ply"
 _MOST_JSON_POINTS = 200_000  # more would take seconds and gigabytes to write
 _ERRORS = (401, 403, 404, 409)

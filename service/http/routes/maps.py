@@ -19,7 +19,7 @@ from panoloc.service.http.schemas.maps import Map, MapPage, MapPatch
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import LONGEST_TAG
-from panoloc.service.maps.reading import is_read_otherwise
+from panoloc.service.maps.reading import is_read_otherwise, wanted_reading, with_stated
 from panoloc.service.maps.record import MapRecord, map_document
 from panoloc.service.services import Services, services_of
 
@@ -81,7 +81,7 @@ async def patch_map(
     """Change the given fields; the others stay unchanged.
 
     If another unit or up axis changes the map, the stored scan is registered again as a new revision. The old one answers
-    queries until that is ready.
+    queries until that is ready. What the scan is read as already is only noted, and answers the question about it.
 
     With `If-Match` the map changes only if it still has that version; otherwise the answer is 412.
     """
@@ -89,8 +89,11 @@ async def patch_map(
     own_map(request, map_id)
     patch = parse_json(MapPatch, await read_body(request.stream()), "body")
     changes, version = patch.changes(), _wanted_version(if_match)
-    record = await services.registry.change(map_id, lambda record: replace(record, **changes), version)
-    reading = replace(record.newest.options.scan, **patch.reading(), coordinate_system=record.coordinate_system)
+    given = patch.reading()
+    record = await services.registry.change(
+        map_id, lambda record: with_stated(replace(record, **changes), given), version
+    )
+    reading = wanted_reading(record, given)
     if is_read_otherwise(record.newest, reading):
         record = await read_again(request, map_id, reading)
     note_change(request, "map changed", map_id)

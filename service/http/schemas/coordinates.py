@@ -37,7 +37,9 @@ class Coordinates(ResponseModel):
     """A position of a map in the systems that are known of it."""
 
     position_m: list[float] = Field(min_length=3, max_length=3)
-    grid: GridPosition | None = Field(description="Null for a map without `coordinate_system`.")
+    grid: GridPosition | None = Field(
+        description="Null for a map without `coordinate_system`, and with a `georeference`."
+    )
     wgs84: EarthPosition | None = Field(description="Null for a map without a place on Earth, and outside of its grid.")
 
 
@@ -46,14 +48,7 @@ def coordinates_of(on_earth: Mapping[str, Any], position_m: Position) -> dict[st
     a second."""
     grid: dict[str, Any] | None = None
     place: EarthPlace | EarthPose | None = None
-    if (text := on_earth["coordinate_system"]) is not None:
-        system = coordinate_system(text)
-        per_unit = system.metres_per_unit
-        unit = next((name for size, name in _UNITS.items() if abs(size - per_unit) < 1e-9), "units")
-        east, north = (value / per_unit for value in position_m[:2])
-        grid = {"coordinate_system": system.definition, "name": system.name, "east": east, "north": north, "unit": unit}
-        place = system.place(position_m, on_earth["geoid_undulation_m"])
-    elif (origin := on_earth["georeference"]) is not None:
+    if (origin := on_earth["georeference"]) is not None:
         # Loaded only where needed.
         import numpy as np
 
@@ -61,5 +56,12 @@ def coordinates_of(on_earth: Mapping[str, Any], position_m: Position) -> dict[st
         from panoloc.core.geometry.pose import Pose
 
         place = earth_pose(Georeference(**origin), Pose(np.eye(3), np.array(position_m)))
+    elif (text := on_earth["coordinate_system"]) is not None:
+        system = coordinate_system(text)
+        per_unit = system.metres_per_unit
+        unit = next((name for size, name in _UNITS.items() if abs(size - per_unit) < 1e-9), "units")
+        east, north = (value / per_unit for value in position_m[:2])
+        grid = {"coordinate_system": system.definition, "name": system.name, "east": east, "north": north, "unit": unit}
+        place = system.place(position_m, on_earth["geoid_undulation_m"])
     wgs84 = place and {name: getattr(place, name) for name in EarthPosition.model_fields}
     return {"position_m": list(position_m), "grid": grid, "wgs84": wgs84}

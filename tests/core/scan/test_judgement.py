@@ -69,8 +69,9 @@ def test_heights_in_feet_over_a_grid_in_metres_are_asked_about_and_an_answer_men
     assert ("unit_doubtful", None) in [(each.code, each.question) for each in kept.diagnostics]
 
 
-def test_an_empty_room_upside_down_is_asked_about_and_each_choice_says_what_it_leads_to() -> None:
-    (asked,) = questions_of(read("scan.ply", file_of(room("bare", 207), "m", "-z")))
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_an_empty_room_upside_down_is_asked_about_and_each_choice_says_what_it_leads_to(unit: Unit) -> None:
+    (asked,) = questions_of(read("scan.ply", file_of(room("bare", 207), unit, "-z")))
     assert asked.code == "up_axis_doubtful"
     assert asked.question is not None
     choices = {choice["label"]: choice for choice in asked.question["choices"]}
@@ -78,7 +79,7 @@ def test_an_empty_room_upside_down_is_asked_about_and_each_choice_says_what_it_l
     assert choices["-z up"]["patch"] == {"up_axis": "-z"}
     assert choices["-z up"]["storey_height_m"] == pytest.approx(height, abs=0.1)
     assert choices["y up"]["extent_m"][2] == pytest.approx(float(np.ptp(room("bare", 207).positions[:, 1])), abs=0.01)
-    assert_found(read("scan.ply", file_of(room("bare", 207), "m", "-z"), up_axis="-z"), room("bare", 207))
+    assert_found(read("scan.ply", file_of(room("bare", 207), unit, "-z"), up_axis="-z"), room("bare", 207))
 
 
 @pytest.mark.parametrize(

@@ -114,12 +114,23 @@ async def test_images_that_come_with_their_answers_keep_them_and_only_the_others
 async def test_small_copies_of_images_are_upright_and_one_that_is_none_is_refused(running: RunningService) -> None:
     map_id = await running.ready_map()
     turned = photo_file(picture(64, 32), orientation=6)
-    files = [("image", ("a.jpg", turned)), ("image", ("text.png", b"no image at all"))]
+    bad = {
+        "text.png": b"no image at all",
+        "empty.png": b"",
+        "cut.jpg": turned[:20],
+        "short.jpg": turned[: len(turned) // 2],
+    }
+    files = [("image", ("a.jpg", turned)), *(("image", file) for file in bad.items())]
     batch_id = (await running.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
     small = await running.client.get(f"/batches/{batch_id}/images/0", params={"max_side": 40})
     assert small.headers["content-type"] == "image/jpeg"
     assert Image.open(io.BytesIO(small.content)).size == (20, 40)
-    assert (await running.client.get(f"/batches/{batch_id}/images/1", params={"max_side": 40})).status_code == 415
+    said = [await running.client.get(f"/batches/{batch_id}/images/{n}", params={"max_side": 40}) for n in range(1, 5)]
+    assert [each.status_code for each in said] == [415, 415, 422, 422]
+    words = ("got text ('no image at all')", "got an empty file", "ends within its header", "ends early or is damaged")
+    for each, expected in zip(said, words, strict=True):
+        assert expected in each.json()["detail"]
+        assert "BytesIO" not in each.text
 
 
 async def test_batches_are_listed_page_by_page_oldest_first(running: RunningService) -> None:

@@ -161,6 +161,39 @@ async def test_patch_reads_the_stored_scan_again_while_the_old_map_serves(runnin
         assert (await running.client.patch(f"/maps/{map_id}", json=same)).json()["revision"] == 2
 
 
+@pytest.mark.parametrize(
+    ("first", "stated", "revision"),
+    [
+        ({}, {"unit": "m"}, 1),
+        ({}, {"height_unit": "m"}, 1),
+        ({}, {"up_axis": "z"}, 1),
+        ({}, {"unit": "m", "height_unit": "ft"}, 2),
+        ({"unit": "us-ft"}, {"coordinate_system": "EPSG:2230"}, 1),
+        ({"unit": "ft"}, {"unit": "auto"}, 2),
+    ],
+)
+async def test_what_a_scan_is_read_as_already_is_noted_without_reading_it_again(
+    running: RunningService, first: dict[str, str], stated: dict[str, str], revision: int
+) -> None:
+    choices = [{"label": "so", "patch": stated, "storey_height_m": 2.7, "extent_m": [4.0, 3.0, 2.7]}]
+    doubt = {
+        "code": "unit_doubtful",
+        "severity": "warning",
+        "message": "High.",
+        "question": {"text": "?", "choices": choices},
+    }
+    running.pool.doubts = [doubt]
+    map_id = await running.ready_map(json.dumps(first))
+    body = (await running.client.patch(f"/maps/{map_id}", json=stated)).json()
+    assert body["revision"] == revision
+    is_asked = any(each["question"] for each in body["diagnostics"] if each["code"] == "unit_doubtful")
+    assert is_asked == (revision == 2 or "coordinate_system" in stated)
+    if "unit" in stated and revision == 1:
+        await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+        await running.settled(map_id)
+        assert running.pool.registrations[-1].options.scan.unit == stated["unit"]
+
+
 @pytest.mark.parametrize(("system", "revision"), [("EPSG:25832", 1), ("EPSG:2230", 2), ("EPSG:25832+6360", 2)])
 async def test_a_coordinate_system_with_other_units_reads_the_scan_again(
     running: RunningService, system: str, revision: int
@@ -323,4 +356,11 @@ async def test_a_position_of_a_map_is_told_on_its_grid_and_on_earth(running: Run
     assert found["wgs84"]["latitude_deg"] == pytest.approx(48.001, abs=2e-6)
     assert found["wgs84"]["longitude_deg"] == pytest.approx(11.0, abs=1e-7)
     assert found["wgs84"]["height_m"] == pytest.approx(502.0, abs=0.002)
+    # As in answers and exports, it takes precedence over a coordinate system.
+    await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": "EPSG:25832"})
+    again = (await running.client.get(f"/maps/{map_id}/coordinates", params={"x": -111.2, "y": 0, "z": 2})).json()
+    assert again == found
+    assert again["grid"] is None
     assert await running.status("GET", f"/maps/{map_id}/coordinates?x=1&y=2") == 422
+    no_number = (await running.client.get(f"/maps/{map_id}/coordinates", params={"x": "nan", "y": 0, "z": 2})).json()
+    assert no_number["fields"] == [{"field": "x", "message": "expected a finite number, got 'nan'"}]

@@ -5,6 +5,7 @@ import { batches, readBatch } from "./batches.svelte.ts";
 import { naturally } from "./natural_order.ts";
 import { posesIn } from "./poses.ts";
 import { queries, type Query } from "./queries.svelte.ts";
+import { isSureEnough } from "./words.ts";
 
 export interface PlacedPhoto {
   name: string;
@@ -36,7 +37,7 @@ export function keepFilter(mapId: string, filter: PhotoFilter): void {
 
 export function passes({ answer, batch }: PlacedPhoto, filter: PhotoFilter): boolean {
   const isFrom = filter.from === "" || filter.from === (batch?.id ?? "tab");
-  return isFrom && (filter.status === "" || answer.status === filter.status) && answer.confidence >= filter.leastConfidence;
+  return isFrom && (filter.status === "" || answer.status === filter.status) && isSureEnough(answer, filter.leastConfidence);
 }
 
 export class PlacedPhotos {

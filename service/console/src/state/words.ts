@@ -9,6 +9,7 @@ export function statusWords(status: Answer["status"]): string {
 /** What a row of a list says of an answer. */
 export function answerWords(answer: Answer): string {
   const found = statusWords(answer.status);
+  if (answer.placed_by === "hand") return `${found} · by hand`;
   return answer.status === "localized" ? `${found} · ${confidenceWords(answer.confidence).toLowerCase()}` : found;
 }
 
@@ -23,6 +24,15 @@ export function confidenceWords(confidence: number): string {
 /** Nothing is certain: no figure says 100. */
 export function percentWords(confidence: number): string {
   return confidence > 0.99 ? "> 99\u00a0%" : `${Math.round(100 * confidence)}\u00a0%`;
+}
+
+/** Return how sure a place is; one that was clicked by hand has no confidence that counts. */
+export function sureWords({ confidence, placed_by }: Pick<Answer, "confidence" | "placed_by">): string {
+  return placed_by === "hand" ? "by hand" : percentWords(confidence);
+}
+
+export function isSureEnough({ confidence, placed_by }: Pick<Answer, "confidence" | "placed_by">, least: number): boolean {
+  return placed_by === "hand" || confidence >= least;
 }
 
 export function radiusWords(answer: Answer): string {
