@@ -13,6 +13,7 @@ from panoloc.core.changes.finding import Change
 from panoloc.lab.rooms.capture.changed_objects import ChangedObject
 from tests.campaign.changes import Measured, area_under_curve, compare
 from tests.campaign.flood import Flood
+from tests.campaign.intake import drawn, intake, verdict_on
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,10 +29,10 @@ def test_damaged_scans_images_and_requests_break_nothing() -> None:
 
 @pytest.mark.slow
 def test_no_scan_with_mixed_up_units_or_axes_is_silently_wrong() -> None:
-    command = [sys.executable, "-m", "tests.campaign", "intake", "--intake-scans", "5", "--seed", "92"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=280)
-    assert done.returncode == 0, done.stdout + done.stderr[-3000:]
-    assert "silently wrong 0 | 0 |" in done.stdout
+    outcome = intake(2, 96)  # in millimetres, with -y and -z up
+    assert (outcome.faults, outcome.figures["right"]) == ([], "2")
+    heights_in_feet = drawn(92_003)
+    assert verdict_on(heights_in_feet) == ("asked", "up_axis_doubtful, unit_doubtful")
 
 
 @pytest.mark.slow
