@@ -140,7 +140,7 @@ def _explained(
     for words, read in meant.items():
         try:
             found = [_on_earth(replace(point, known=read(*point.known)), grid, undulation_m)[0] for point in used]
-            _fit_on_earth(positions, np.array(found), [point.name for point in used])
+            _fit_on_earth(positions, np.array(found).reshape(-1, 3), [point.name for point in used])
         except OptionsError:
             continue
         return OptionsError(

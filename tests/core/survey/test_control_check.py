@@ -151,3 +151,10 @@ def test_the_point_without_which_the_others_fit_is_named_and_the_scale_told() ->
     assert re.search(r"^P3 is (0.9|1.0)\d m from where the other points put it", found.warnings[0]), found.warnings
     assert "ppm longer than in the scan" in found.warnings[1]
     assert checked(plain(house, house + clicks)).warnings == ()
+
+
+def test_points_without_a_place_in_the_scan_are_asked_to_be_clicked() -> None:
+    unclicked = [ControlPoint("P1", (691000.0, 5334000.0, 520.0), False, None)]
+    found = checked(unclicked, "EPSG:25832", 46.2)
+    assert found.no_fit is not None
+    assert "click more of them" in found.no_fit
