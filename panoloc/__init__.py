@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from panoloc.service.answer import NotLocalized as NotLocalized
     from panoloc.service.client.typed_client import Answer as Answer
     from panoloc.service.client.typed_client import PanolocClient as PanolocClient
-    from panoloc.service.http.schemas.maps import Map as Map
+    from panoloc.service.http.schemas.known_map import Map as Map
 
     __version__: str
 
@@ -40,7 +40,7 @@ _HOMES = {
     "Localization": "panoloc.core.results",
     "Localized": "panoloc.service.answer",
     "Localizer": "panoloc.core.localizer",
-    "Map": "panoloc.service.http.schemas.maps",
+    "Map": "panoloc.service.http.schemas.known_map",
     "NotLocalized": "panoloc.service.answer",
     "PanolocClient": "panoloc.service.client.typed_client",
     "Rig": "panoloc.core.camera.rig",

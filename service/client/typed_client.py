@@ -15,7 +15,7 @@ from panoloc.service.answer import Ambiguous, Localized, NotLocalized
 from panoloc.service.client.client import BaseClient
 from panoloc.service.client.errors import UnexpectedReplyError
 from panoloc.service.client.replies import JsonObject
-from panoloc.service.http.schemas.maps import Map
+from panoloc.service.http.schemas.known_map import Map
 
 Answer = Localized | Ambiguous | NotLocalized
 """Which one it is, `status` says: where that is `localized` or `ambiguous`, there is a `pose`."""

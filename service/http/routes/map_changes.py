@@ -11,8 +11,8 @@ from panoloc.core.options import ReportFormat
 from panoloc.service.errors import ObjectNotFoundError
 from panoloc.service.http.access import caller_of, maps_seen, require, while_there
 from panoloc.service.http.openapi import file_response, json_response
+from panoloc.service.http.schemas.changes import MapChanges
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
-from panoloc.service.http.schemas.maps import MapChanges
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.changed_objects import FoundObjects
 from panoloc.service.maps.period import Period

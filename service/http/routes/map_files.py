@@ -14,7 +14,7 @@ from panoloc.service.http.access import maps_seen, require
 from panoloc.service.http.openapi import file_response, json_response
 from panoloc.service.http.schemas.coordinates import Coordinates, coordinates_of
 from panoloc.service.http.schemas.examples import COORDINATES_EXAMPLE
-from panoloc.service.http.schemas.maps import MapStarts
+from panoloc.service.http.schemas.known_map import MapStarts
 from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef
 from panoloc.service.maps.point_sample import PlySample
 from panoloc.service.maps.record import key_of, place_on_earth

@@ -15,7 +15,8 @@ from panoloc.service.http.openapi import json_body, json_response, nothing_left
 from panoloc.service.http.routes.map_links import end_links
 from panoloc.service.http.routes.new_scans import read_again
 from panoloc.service.http.schemas.examples import MAP_EXAMPLE
-from panoloc.service.http.schemas.maps import Map, MapPage, MapPatch
+from panoloc.service.http.schemas.known_map import Map, MapPage
+from panoloc.service.http.schemas.maps import MapPatch
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import LONGEST_TAG

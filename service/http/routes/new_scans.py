@@ -18,7 +18,8 @@ from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_map, require
 from panoloc.service.http.openapi import accepted_response, binary_part, json_part, multipart
 from panoloc.service.http.schemas.examples import MAP_OPTIONS_EXAMPLE, QUEUED_MAP_EXAMPLE
-from panoloc.service.http.schemas.maps import Map, MapOptions, ScanOptions, name_of_file
+from panoloc.service.http.schemas.known_map import Map
+from panoloc.service.http.schemas.maps import MapOptions, ScanOptions, name_of_file
 from panoloc.service.http.uploads import Form, PartRule, SpooledFile, read_form
 from panoloc.service.http.validation import limited_by, parse_json
 from panoloc.service.jobs import MapRef, RegisterOptions, new_id, now

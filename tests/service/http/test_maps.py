@@ -13,7 +13,7 @@ import redis
 from panoloc.core.errors import ScanContentError, ScanDamagedError
 from panoloc.core.options import IndexOptions, ScanOptions
 from panoloc.service.errors import CacheDownError
-from panoloc.service.http.schemas.maps import Map, MapPage
+from panoloc.service.http.schemas.known_map import Map, MapPage
 from panoloc.service.limits.registration_limits import RegistrationLimits
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService
