@@ -80,6 +80,7 @@ def _new_file(path: Path, coordinate_metadata: str) -> Any:
 
     class File(E57):  # type: ignore[misc]
         def write_default_header(self) -> None:
+            """Write what `pye57` writes there, and the coordinate system."""
             file = self.image_file
             file.extensionsAdd("", libe57.E57_V1_0_URI)
             texts = {"formatName": "ASTM E57 3D Imaging Data File", "guid": f"{{{uuid.uuid4()}}}"}

@@ -71,6 +71,7 @@ class _Sight:
 
     @property
     def num_cells(self) -> int:
+        """Return how many cells have points."""
         return len(self._taken)
 
     def is_free(self, starts: Positions, ends: Positions) -> NDArray[np.bool_]:

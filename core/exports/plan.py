@@ -105,6 +105,7 @@ def _svg(drawing: FloorDrawing, unit_m: float) -> str:
     right, top = everything.max(axis=0) + _MARGIN_M
 
     def at(place: Any) -> str:
+        """Return metres from the left and the top of the drawing."""
         return f"{plain(float(place[0]) - left, 3)} {plain(top - float(place[1]), 3)}"
 
     size = right - left, top - bottom

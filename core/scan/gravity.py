@@ -91,6 +91,7 @@ def _clutter(height: Array, columns: Array) -> float:
     number = cells @ [1, int(cells[:, 0].max()) + 1]
 
     def filled(least: float) -> int:
+        """Return how many columns have points in each slice of the third of the height from `least` on, in all slices together."""
         edges = pairwise(np.linspace(least, least + 0.35, _SLICES + 1))
         return sum(len(np.unique(number[(height >= low) & (height < high)])) for low, high in edges)
 
