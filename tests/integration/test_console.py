@@ -623,6 +623,7 @@ def test_photos_and_filters_of_a_map_outlive_a_reload(
     page.get_by_role("button", name=STAND_HERE).click()
     expect(page.get_by_label("From points to photo")).to_be_visible()
     page.get_by_role("button", name="Remove panorama.jpg").click()
+    expect(page.get_by_text("panorama.jpg")).to_have_count(0)
     page.reload()
     expect(page.get_by_role("heading", name=HOSTILE)).to_be_visible()
     expect(page.get_by_text("panorama.jpg")).to_have_count(0)

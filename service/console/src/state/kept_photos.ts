@@ -36,7 +36,10 @@ function done<T>(request: IDBRequest<T>): Promise<T> {
 async function store<T>(mode: IDBTransactionMode, act: (photos: IDBObjectStore) => IDBRequest<T>): Promise<T | null> {
   try {
     const database = await opened();
-    const result = await done(act(database.transaction(STORE, mode).objectStore(STORE)));
+    const transaction = database.transaction(STORE, mode);
+    const result = await done(act(transaction.objectStore(STORE)));
+    // Until it has ended, a reload of the page takes it back.
+    if (mode === "readwrite") await new Promise((resolve) => (transaction.oncomplete = transaction.onabort = resolve));
     database.close();
     return result;
   } catch {

@@ -121,12 +121,13 @@ export const queries = {
   },
   /** Send a photo once more; angle: of view, where another one than last time. */
   again(query: Query, angle: ViewAngle = query.target.angle): void {
-    queries.remove(query);
+    void queries.remove(query);
     queries.add([query.photo], { ...query.target, angle });
   },
-  remove(query: Query): void {
+  /** What the list no longer shows, a reload does not bring back. */
+  async remove(query: Query): Promise<void> {
     query.cancel();
-    void dropPhoto(query.key);
+    await dropPhoto(query.key);
     items = items.filter((each) => each !== query);
   },
 };
