@@ -23,7 +23,7 @@ from panoloc.core.decide.hypotheses import (
 from panoloc.core.query.focal_lengths import focal_uncertainty
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.refinement import Refinement
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import CandidatePoints
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.stage_clock import StageClock
 

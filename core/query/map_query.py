@@ -22,7 +22,7 @@ from panoloc.core.refine.aligned_points import (
     points_seen_from_starts,
     views_from_starts,
 )
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import CandidatePoints
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.render.synthetic_view import RENDER_BATCH

@@ -12,7 +12,8 @@ from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses, wi
 from panoloc.core.image.level import Level
 from panoloc.core.query.map_query import MapQuery, by_colors, map_numbers
 from panoloc.core.refine.halves import halves_apart
-from panoloc.core.refine.refinement import CandidatePoints, joined, refine
+from panoloc.core.refine.refinement import joined, refine
+from panoloc.core.refine.step import CandidatePoints
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.stage_clock import StageClock
 

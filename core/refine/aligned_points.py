@@ -17,7 +17,7 @@ from panoloc.core.geometry.rotations import even_directions
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.refine.patches import patch_numbers
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import CandidatePoints
 from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.render.synthetic_view import RENDER_BATCH, halve, render_views
@@ -112,7 +112,9 @@ def points_seen_from_starts(
         colors = apply_tables(colors, equalization_tables(colors, weights * look.inside))
         colors = torch.lerp(colors, views.contrast[which][numbers[:, None], pixel], contrast_share)
     seen = cloud.positions[point.clamp_min(0)]
-    return CandidatePoints(seen, colors, weights, images_showing(pyramid, seen, rotations, positions), look.patches)
+    return CandidatePoints.of_triples(
+        seen, colors, weights, images_showing(pyramid, seen, rotations, positions), look.patches
+    )
 
 
 def points_seen_from_poses(
@@ -142,7 +144,7 @@ def points_seen_from_poses(
         colors = torch.lerp(colors, contrast, contrast_share)
     seen = cloud.positions[point.clamp_min(0)]
     found = images_showing(view.pyramid, seen, rotations, positions)
-    return CandidatePoints(seen, colors[:, pixel], weights, found, look.patches)
+    return CandidatePoints.of_triples(seen, colors[:, pixel], weights, found, look.patches)
 
 
 def images_showing(pyramid: RigPyramid, points: Tensor, rotations: Tensor, positions: Tensor) -> Tensor | None:

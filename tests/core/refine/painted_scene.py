@@ -14,7 +14,7 @@ from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.image.level import Level
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.refine.aligned_points import look_directions
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import CandidatePoints
 from tests.core.built_maps import tensors_of
 from tests.core.image.painted_photos import photo_of
 from tests.core.painted_box import PaintedBox, rotation_of
@@ -41,7 +41,9 @@ def scene(seed: int = 3) -> Scene:
     along = look.directions.double().numpy() @ POSE.rotation.T
     place = torch.tensor(box.points_along(POSE.position, along), dtype=torch.float32)
     seen, inside = level.sample_points(place.T[None], None, ROTATION, POSITION)
-    return level, CandidatePoints(place[None], seen.color.transpose(1, 2).clone(), inside.float(), None, look.patches)
+    return level, CandidatePoints.of_triples(
+        place[None], seen.color.transpose(1, 2).clone(), inside.float(), None, look.patches
+    )
 
 
 def painted(directions: torch.Tensor) -> torch.Tensor:
