@@ -13,7 +13,8 @@ from importlib import resources
 
 import torch
 
-from panoloc.core.decide.accuracy import NO_NOISE, RIGHT_DEG, RIGHT_M, Accuracy
+from panoloc.core.config import DISTANCES
+from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.hypotheses import Hypothesis
 
 _USUALLY_APART = 7.0  # times the formal radius, halves of images whose pose is right; half of them are farther apart
@@ -115,11 +116,11 @@ def load_confidence_model() -> ConfidenceModel:
 
 def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, float]:
     """Return the features of a pose against its rivals at other places."""
-    measures = best.measures
+    measures, right = best.measures, DISTANCES.right
     halves = _UNKNOWN_HALVES
     if "halves_apart_m" in measures:
         halves = _times_nearer(
-            math.hypot(measures["halves_apart_m"] / RIGHT_M, measures["halves_apart_deg"] / RIGHT_DEG)
+            math.hypot(measures["halves_apart_m"] / right.distance_m, measures["halves_apart_deg"] / right.angle_deg)
         )
     return {
         "agreement": measures["patch_correlation"],

@@ -18,7 +18,7 @@ using Lanes = float __attribute__((vector_size(4 * LANES)));
 constexpr float FEWEST_POINTS = 5, MOST_CORRELATED = 0.999f, LEAST_RATIO = 1e-4f;
 constexpr float LEAST_COSINE = 0.05f;
 
-// N points of one candidate, in the order of their P patches; see `CandidatePoints`.
+// N points of one candidate, in the order of their P patches; see `PointPlanes`.
 struct Points {
     const float *positions, *colors, *weights;
     const int64_t *images, *starts;
@@ -262,7 +262,7 @@ class Equations {
 }  // namespace
 }  // namespace panoloc
 
-// Take steps from K poses, none for their equations alone. Shapes: as of `Level`, `CandidatePoints`, `PatchEquations` and `PoseStep`; poses are moved
+// Take steps from K poses, none for their equations alone. Shapes: as of `Level`, `PointPlanes`, `PatchEquations` and `PoseStep`; poses are moved
 // where they lie. starts: (patches + 1,), the first point of each patch. log_focals: null where focal lengths are those of the level.
 extern "C" void pose_steps(const float* pixels, int64_t width, int64_t rows, const float* places, const float* camera_rotations,
     const float* centers, int64_t images, const float* positions, const float* colors, const float* weights, const int64_t* shown_by,
