@@ -57,26 +57,26 @@ class DescribedViews:
         return self.steps.float().mul_(self.scale[:, None, None])
 
     @cached_property
+    @torch.inference_mode(False)  # they outlive the query that asked for them first
     def _pooled(self) -> tuple[ViewDescriptors, ViewDescriptors]:
-        with torch.inference_mode(False):  # they outlive the query that asked for them first
-            halved = pooled(self._values(), self.weights.float())
-            return self._with_spreads(*halved), self._with_spreads(*pooled(*halved))
+        halved = pooled(self._values(), self.weights.float())
+        return self._with_spreads(*halved), self._with_spreads(*pooled(*halved))
 
     def _with_spreads(self, values: Tensor, weights: Tensor) -> ViewDescriptors:
         return ViewDescriptors(values, self.basis, weights, spreads_of(values, weights))
 
     @cached_property
+    @torch.inference_mode(False)  # they outlive the query that asked for them first
     def spreads(self) -> Tensor:
         """Return how the descriptors of each view spread, (T, D, D); see `spreads_of`."""
-        with torch.inference_mode(False):  # they outlive the query that asked for them first
-            return spreads_of(self._values(), self.weights.float())
+        return spreads_of(self._values(), self.weights.float())
 
     @cached_property
+    @torch.inference_mode(False)  # they outlive the query that asked for them first
     def tables(self) -> Tensor:
         """Return the tables (3, 256) that equalize all pictures together."""
-        with torch.inference_mode(False):  # they outlive the query that asked for them first
-            colors, seen = self.pictures.flatten(0, 2), self.seen.flatten()
-            return equalization_tables(colors[None].float() / 255, seen[None].float())[0]
+        colors, seen = self.pictures.flatten(0, 2), self.seen.flatten()
+        return equalization_tables(colors[None].float() / 255, seen[None].float())[0]
 
     def take(self, keep: Tensor) -> "DescribedViews":
         """Return the views numbered `keep`."""

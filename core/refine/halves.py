@@ -16,14 +16,14 @@ from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.image.level import Level
 from panoloc.core.refine.patches import on_black_squares
 from panoloc.core.refine.refinement import refine
-from panoloc.core.refine.step import CandidatePoints
+from panoloc.core.refine.step import PointPlanes
 
 _NOWHERE_M, _NOWHERE_RAD = 1.0, math.pi / 2  # of halves that nothing is known of
 
 
 def halves_apart(
     level: Level,
-    points: CandidatePoints,
+    points: PointPlanes,
     rotation: Tensor,
     position: Tensor,
     log_focals: Tensor | None,

@@ -17,13 +17,13 @@ from panoloc.core.config import DISTANCES, StepConfig, StoppingRule
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.image.level import Level
 from panoloc.core.kernels.cuda import has_cuda_kernel
-from panoloc.core.refine.step import CandidatePoints, pose_steps
+from panoloc.core.refine.step import PointPlanes, pose_steps
 
 
-def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
+def joined(parts: Sequence[PointPlanes]) -> PointPlanes:
     """Return the points of several groups of candidates, one group after the other; all with the same patches."""
     images = [part.images for part in parts if part.images is not None]
-    return CandidatePoints(
+    return PointPlanes(
         torch.cat([part.positions for part in parts]),
         torch.cat([part.colors for part in parts]),
         torch.cat([part.weights for part in parts]),
@@ -67,7 +67,7 @@ class Refined:
 class _Active:
     """Candidates that have not converged: their points, poses, and last step (K, U); and whether focal lengths differ from the level's."""
 
-    points: CandidatePoints
+    points: PointPlanes
     poses: Refined
     step: Tensor
     has_focals: bool
@@ -79,7 +79,7 @@ class _Active:
 
 def refine(
     level: Level,
-    points: CandidatePoints,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     iterations: int,
@@ -118,7 +118,7 @@ def refine(
 
 
 def _at_start(
-    points: CandidatePoints,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     log_focals: Tensor | None,

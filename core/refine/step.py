@@ -32,7 +32,7 @@ _METRES_PER_RAD, _METRES_PER_LOG = 1.5, 2.0  # of turns and focal lengths that m
 
 
 @dataclass(frozen=True)
-class CandidatePoints:
+class PointPlanes:
     """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0 (zero: no
     point).
 
@@ -50,24 +50,24 @@ class CandidatePoints:
     @classmethod
     def of_triples(
         cls, positions: Tensor, colors: Tensor, weights: Tensor, images: Tensor | None, patches: Tensor
-    ) -> "CandidatePoints":
+    ) -> "PointPlanes":
         """Return points of positions and colors (K, N, 3). patches: (N,) int64, ascending, which patch each point lies in."""
         planes = positions.transpose(1, 2).contiguous(), colors.transpose(1, 2).contiguous()
         return cls(planes[0], planes[1], weights, images, PatchSums(patches))
 
-    def take(self, chosen: Tensor) -> "CandidatePoints":
+    def take(self, chosen: Tensor) -> "PointPlanes":
         """Return the points of the candidates numbered `chosen`."""
         images = None if self.images is None else self.images[chosen]
-        return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen], images, self.sums)
+        return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], images, self.sums)
 
-    def thinned(self, stride: int) -> "CandidatePoints":
+    def thinned(self, stride: int) -> "PointPlanes":
         """Return every n-th point."""
         patches = torch.unique(self.sums.patches[::stride], return_inverse=True)[1]
         images = None if self.images is None else self.images[:, ::stride].contiguous()
         positions, colors, weights = (
             each[..., ::stride].contiguous() for each in (self.positions, self.colors, self.weights)
         )
-        return CandidatePoints(positions, colors, weights, images, PatchSums(patches))
+        return PointPlanes(positions, colors, weights, images, PatchSums(patches))
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class PoseStep:
 
 def pose_steps(
     level: Level,
-    points: CandidatePoints,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     log_focals: Tensor | None,
@@ -121,7 +121,7 @@ def _is_compiled_for(tensor: Tensor) -> bool:
 
 def _compiled_steps(
     level: Level,
-    points: CandidatePoints,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     log_focals: Tensor | None,
@@ -197,7 +197,7 @@ class PatchEquations:
 
 def patch_equations(
     level: Level,
-    points: CandidatePoints,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     config: StepConfig,
@@ -246,7 +246,7 @@ def _over_channels(first: Tensor, second: Tensor) -> Tensor:
 class _Patches:
     """The points of K candidates by patch."""
 
-    def __init__(self, points: CandidatePoints, weights: Tensor) -> None:
+    def __init__(self, points: PointPlanes, weights: Tensor) -> None:
         self.weights = weights  # (K, N)
         self._sums = points.sums
         self.mass = self._sums(weights).clamp_min(1e-6)  # (K, P)

@@ -14,7 +14,7 @@ from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.image.level import SampledPoints
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from panoloc.core.refine.patches import PatchSums
-from panoloc.core.refine.step import CandidatePoints, patch_equations
+from panoloc.core.refine.step import PointPlanes, patch_equations
 from tests.core.found_pose import known
 from tests.core.painted_box import rotation_of
 from tests.reference.spherical_twin import image_position_of, patch_of, sample
@@ -140,7 +140,7 @@ def test_the_equations_of_a_step_are_those_of_the_jacobian_without_the_light_of_
     seen = SampledPoints(torch.from_numpy(planes), torch.from_numpy(directions))
     level: Any = SimpleNamespace(sample_points=lambda *_: (seen, torch.from_numpy(inside)[None]))
     place, painted, counted = (torch.from_numpy(each)[None] for each in (np.zeros((3, count)), colors, weights))
-    points = CandidatePoints(place, painted, counted, None, PatchSums(torch.from_numpy(patches)))
+    points = PointPlanes(place, painted, counted, None, PatchSums(torch.from_numpy(patches)))
     config = StepConfig(robust_scale=None)
     focals = torch.zeros(1) if unknowns == 7 else None
     found = patch_equations(level, points, POSE[0][None], POSE[1][None], config, focals, unknowns == 7)

@@ -16,7 +16,7 @@ from panoloc.core.image.level import Level
 from panoloc.core.kernels import cuda, library
 from panoloc.core.refine import step
 from panoloc.core.refine.patches import PatchSums
-from panoloc.core.refine.step import CandidatePoints, PatchEquations, PoseStep, patch_equations, pose_steps
+from panoloc.core.refine.step import PatchEquations, PointPlanes, PoseStep, patch_equations, pose_steps
 from tests.core.kernels.test_kernels import aligned
 
 Found = TypeVar("Found", PatchEquations, PoseStep)
@@ -69,13 +69,13 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Both[Found]:
     return of
 
 
-def aligned_on(device: torch.device, count: int) -> tuple[Level, CandidatePoints, torch.Tensor, torch.Tensor]:
+def aligned_on(device: torch.device, count: int) -> tuple[Level, PointPlanes, torch.Tensor, torch.Tensor]:
     """Return what `aligned` returns, on a device."""
     level, points, rotations, positions = aligned(count)
     held = (each.to(device) for each in (level.colors, level.places, level.rotations, level.centers))
     images = None if points.images is None else points.images.to(device)
     places, seen, weights = (each.to(device) for each in (points.positions, points.colors, points.weights))
-    moved = CandidatePoints(places, seen, weights, images, PatchSums(points.sums.patches.to(device)))
+    moved = PointPlanes(places, seen, weights, images, PatchSums(points.sums.patches.to(device)))
     colors, *cameras = held
     return Level(colors, level.rows, *cameras), moved, rotations.to(device), positions.to(device)
 

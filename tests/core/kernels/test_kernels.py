@@ -30,7 +30,7 @@ from panoloc.core.kernels import library
 from panoloc.core.map.retrieval_vectors import retrieval_vectors
 from panoloc.core.query.prepared_rig import PreparedRig
 from panoloc.core.refine.patches import PatchSums, patch_numbers
-from panoloc.core.refine.step import CandidatePoints, PatchEquations, PoseStep, patch_equations, pose_steps
+from panoloc.core.refine.step import PatchEquations, PointPlanes, PoseStep, patch_equations, pose_steps
 from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import ViewParts, make_render_cloud
 from panoloc.core.render.synthetic_view import SyntheticViews, depths_from, render_views
@@ -135,7 +135,7 @@ def test_kernels_are_for_single_precision_in_memory() -> None:
     assert not library.has_kernels_for(torch.zeros(1, device="meta"))
 
 
-def aligned(count: int, of: int = 700) -> tuple[Level, CandidatePoints, torch.Tensor, torch.Tensor]:
+def aligned(count: int, of: int = 700) -> tuple[Level, PointPlanes, torch.Tensor, torch.Tensor]:
     """Return a level of so many images, 0 for a sphere with a hole, what three candidates align on it, and their poses."""
     rng = torch.Generator().manual_seed(count)
     if count:
@@ -155,7 +155,7 @@ def aligned(count: int, of: int = 700) -> tuple[Level, CandidatePoints, torch.Te
     shown, _ = level.sample_points(some[:1], images[:, order.indices], ROTATION[None], POSITION[None])
     colors[..., ::2] = shown.color[..., ::2]
     given = images[:, order.indices].expand(3, -1).contiguous() if count > 1 else None
-    planes = CandidatePoints(some, colors, weights, given, PatchSums(order.values))
+    planes = PointPlanes(some, colors, weights, given, PatchSums(order.values))
     return level, planes, ROTATION @ turns, POSITION + 0.02 * torch.randn((3, 3), generator=rng)
 
 

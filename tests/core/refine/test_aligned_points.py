@@ -19,7 +19,7 @@ from panoloc.core.refine.aligned_points import (
     points_seen_from_starts,
     views_from_starts,
 )
-from panoloc.core.refine.step import CandidatePoints
+from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import RigView
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, map_of, panorama, rig_of, tensors_of
 from tests.core.found_pose import known
@@ -77,7 +77,7 @@ def test_each_point_is_looked_up_in_the_image_whose_middle_is_nearest_to_it() ->
 
 def from_starts(
     pyramid: RigPyramid, rotations: torch.Tensor, coarse: bool, contrast_share: float, rows: tuple[int, ...] = (1,)
-) -> CandidatePoints:
+) -> PointPlanes:
     """Return what candidates at the starts 5 and 9, of which `rows` names one each, should see."""
     starts, numbers = torch.tensor([5, 9]), torch.tensor(rows)
     look, views = look_directions(pyramid, 300, 5.0, 22.5), views_from_starts(map_of(BOX), starts, HEIGHT)

@@ -10,7 +10,7 @@ from panoloc.core.config import RefinementConfig, StepConfig
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector, uniform_rotations
 from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.refinement import Refined, refine
-from panoloc.core.refine.step import CandidatePoints, patch_equations
+from panoloc.core.refine.step import PointPlanes, patch_equations
 from panoloc.core.search.pose_limits import PoseLimits
 from tests.core.refine import painted_scene
 from tests.core.refine.painted_scene import at_distances, level_of_sphere, painted, painted_sphere
@@ -21,7 +21,7 @@ ROTATION, POSITION = uniform_rotations(11)[4], torch.tensor([0.5, -1.0, 1.2])
 PATCHES, ORDER = patch_numbers(even_directions(3000), 22.5).sort(stable=True)
 IMAGE, DIRECTIONS = painted_sphere(HEIGHT), even_directions(3000)[ORDER]
 # What the image shows, without errors of parallax.
-POINTS = CandidatePoints.of_triples(
+POINTS = PointPlanes.of_triples(
     (POSITION + at_distances(DIRECTIONS) @ ROTATION.T)[None],
     painted(DIRECTIONS)[None],
     torch.ones((1, 3000)),
@@ -33,7 +33,7 @@ BESIDE = POSITION + torch.tensor([0.15, -0.15, 0.1])
 
 def off_by(
     image: torch.Tensor = IMAGE,
-    points: CandidatePoints = POINTS,
+    points: PointPlanes = POINTS,
     valid: torch.Tensor | None = None,
     rules: StepConfig = STEP,
 ) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from panoloc.core.image.level import Level
 from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.patches import PatchSums
 from panoloc.core.refine.refinement import Refined, refine
-from panoloc.core.refine.step import CandidatePoints, PoseStep, patch_equations, pose_steps
+from panoloc.core.refine.step import PointPlanes, PoseStep, patch_equations, pose_steps
 from tests.core.other_device import DEVICE, OtherDevice
 from tests.core.painted_box import PaintedBox
 from tests.core.refine.painted_scene import CAMERA, POSITION, ROTATION, level_of, scene
@@ -36,7 +36,7 @@ def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) ->
 
 def step_at(
     pose: tuple[Tensor, Tensor],
-    points: CandidatePoints = POINTS,
+    points: PointPlanes = POINTS,
     rules: StepConfig = PLAIN,
 ) -> PoseStep:
     return pose_steps(LEVEL, points, *pose, None, rules)
@@ -205,7 +205,7 @@ def test_without_points_in_view_a_pose_stays_where_it_is() -> None:
 def with_focal(
     factor: float,
     bounds: tuple[float, float] | None,
-    points: CandidatePoints = POINTS,
+    points: PointPlanes = POINTS,
     iterations: int = 20,
     log_focal: float = 0.0,
 ) -> Refined:
@@ -274,7 +274,7 @@ def test_a_focal_length_that_is_known_stays_and_is_that_of_the_pose() -> None:
 COLORS_ELSEWHERE = scene(seed=8)[1].colors
 
 
-def apart(points: CandidatePoints, level: Level = LEVEL, log_focals: Tensor | None = None) -> tuple[float, float]:
+def apart(points: PointPlanes, level: Level = LEVEL, log_focals: Tensor | None = None) -> tuple[float, float]:
     """Return metres and degrees."""
     rules = RefinementConfig()
     some, square_deg = points.thinned(rules.halves_every), DescriptorConfig().patch_deg
