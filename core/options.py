@@ -184,7 +184,7 @@ class Hints:
         """Return how far the camera may be tilted, degrees; None for any."""
         if self.max_tilt_deg is not None:
             return self.max_tilt_deg
-        return DEFAULT_TILT_DEG if self.upright else None
+        return DEFAULT_TOLERANCE_DEG if self.upright else None
 
 
 @dataclass(frozen=True)
@@ -224,10 +224,8 @@ QUATERNION_TOLERANCE = 0.01
 
 DEFAULT_RADIUS_M = 5.0
 """Of a hinted position without a radius."""
-DEFAULT_TILT_DEG = 45.0
-"""Of a camera that is said to be upright, no more: people hold phones at 20 to 30 degrees."""
-DEFAULT_HEADING_TOLERANCE_DEG = 45.0
-"""Of a hinted heading without a tolerance."""
+DEFAULT_TOLERANCE_DEG = 45.0
+"""Of a camera that is said to be upright, or to look somewhere, without a tolerance: people hold phones at 20 to 30 degrees."""
 
 
 def _check_choice(name: str, value: str, choices: Any) -> None:

@@ -32,14 +32,11 @@ class StageClock:
                 torch.cuda.synchronize(self._device)
             self.timings_s[name] = self.timings_s.get(name, 0.0) + time.monotonic() - began
 
-    def _elapsed_s(self) -> float:
-        return time.monotonic() - self._started
-
     def check(self) -> None:
         """Raise DeadlineExceededError when the timeout has passed, or nobody waits any more."""
         if self._is_cancelled():
             raise DeadlineExceededError("the query was cancelled")
-        elapsed = self._elapsed_s()
+        elapsed = time.monotonic() - self._started
         if self._timeout_s is not None and elapsed > self._timeout_s:
             raise DeadlineExceededError(
                 f"no pose within {self._timeout_s:g} s (stopped after {elapsed:.1f} s); allow more time, give hints, or name fewer maps"

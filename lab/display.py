@@ -2,6 +2,9 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from json import dumps
+from pathlib import Path
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -12,6 +15,8 @@ from rich.table import Table
 from panoloc.core.errors import CoreError
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import Session
+
+_TEXT_WIDTH = 240
 
 
 def table(rows: Sequence[Mapping[str, object]], labels: int, title: str | None = None) -> Table:
@@ -38,6 +43,21 @@ def print_tables(console: Console, tables: Sequence[object]) -> None:
         console.print()
 
 
+def show_report(
+    session: Session, out: Path, name: str, document: Any, tables: Sequence[object], shown: Any = None
+) -> None:
+    """Write a report as `NAME.json` and `NAME.txt` into a folder, and show its tables, or with --json `shown`: the document where it is
+    None."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / f"{name}.json").write_text(dumps(document, indent=1) + "\n", encoding="utf-8")
+    with (out / f"{name}.txt").open("w", encoding="utf-8") as stream:
+        print_tables(Console(file=stream, width=_TEXT_WIDTH), tables)
+    if session.json_output:
+        session.print_json(document if shown is None else shown)
+    else:
+        print_tables(session.results, tables)
+
+
 @contextmanager
 def progress(console: Console, total: int) -> Iterator[tuple[Callable[[str], None], Callable[[], None]]]:
     """Show a bar of `total` steps on a terminal; yield what shows the step under way, and what counts it."""
@@ -49,10 +69,11 @@ def progress(console: Console, total: int) -> Iterator[tuple[Callable[[str], Non
 
 
 @contextmanager
-def core_errors_shown(session: Session) -> Iterator[None]:
-    """End the command with one message where the algorithm or a source raises an error."""
+def session_of(ctx: typer.Context, json: bool) -> Iterator[Session]:
+    """Yield the session of a command; end the command with one message where the algorithm or a source raises an error."""
+    session = Session.of(ctx, json)
     try:
-        yield
+        yield session
     except CoreError as error:
         if session.json_output:
             session.print_json({"error": {"type": type(error).__name__, "message": str(error)}})

@@ -3,7 +3,6 @@
 A panorama is a rig of one camera that covers the sphere, a photo of one that covers a part, a session of several.
 """
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,8 +43,7 @@ class Photo:
     def of_panorama(cls, panorama: Panorama) -> "Photo":
         """Return a full sphere as the image of a camera that wraps."""
         height, width = panorama.valid.shape
-        per_rad = width / (2 * math.pi)
-        camera = Camera("equirectangular", width, height, per_rad, per_rad, width / 2, height / 2)
+        camera = Camera.from_hfov("equirectangular", width, height, 360.0)
         return cls(panorama.color, panorama.valid, camera, panorama.left_out)
 
 

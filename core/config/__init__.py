@@ -4,7 +4,7 @@ Where no other source is named, a figure was chosen by measurement on cases with
 """
 
 from panoloc.core.config.distances import DISTANCES, PoseDistance, PoseDistances
-from panoloc.core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
+from panoloc.core.config.imaging import CONTRAST, RENDERING, ContrastConfig, RenderingConfig
 from panoloc.core.config.index import AliasConfig, DescriptorConfig, IndexConfig, StartsConfig
 from panoloc.core.config.judge import ChangeConfig, JudgeConfig
 from panoloc.core.config.lines import LineConfig
@@ -24,7 +24,6 @@ from panoloc.core.config.search import (
 __all__ = [
     "CONTRAST",
     "DISTANCES",
-    "LIGHT_FIT",
     "RENDERING",
     "AliasConfig",
     "ChangeConfig",
@@ -33,7 +32,6 @@ __all__ = [
     "FocalConfig",
     "IndexConfig",
     "JudgeConfig",
-    "LightFitConfig",
     "LineConfig",
     "LocalizerConfig",
     "MediumRound",

@@ -17,13 +17,6 @@ class ContrastConfig:
 
 
 @dataclass(frozen=True)
-class LightFitConfig:
-    """Gain and offset between scan and photo (see `panoloc.core.decide.change_maps`)."""
-
-    most_gain: float = 3.0  # and at least one over it
-
-
-@dataclass(frozen=True)
 class RenderingConfig:
     """Synthetic views (see `panoloc.core.render.synthetic_view`)."""
 
@@ -33,4 +26,4 @@ class RenderingConfig:
     fill_levels: int = 2  # holes up to 4 pixels are filled from their surroundings
 
 
-CONTRAST, LIGHT_FIT, RENDERING = ContrastConfig(), LightFitConfig(), RenderingConfig()
+CONTRAST, RENDERING = ContrastConfig(), RenderingConfig()

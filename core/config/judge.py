@@ -32,5 +32,6 @@ class JudgeConfig:
 class ChangeConfig:
     """What has changed since the scan (see `panoloc.core.decide.change_maps`)."""
 
+    most_gain: float = 3.0  # between the light of scan and photo, and at least one over it
     half_score_difference: float = 0.2  # of canonical colours; the score is 0.5 there
     sampled_points: int = 50_000  # of the scan, enough for a fraction

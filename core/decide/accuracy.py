@@ -3,10 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from panoloc.core.config import PoseDistance
+from panoloc.core.config import DISTANCES
 
-RIGHT_M, RIGHT_DEG = 0.3, 10.0  # nearer than both a pose is right
-RIGHT = PoseDistance(RIGHT_M, RIGHT_DEG)
 _HELD = 0.68  # of the poses are within their radii
 
 
@@ -30,7 +28,8 @@ class Accuracy:
 
         Nothing is surer to be right than its radius allows.
         """
-        known = ((RIGHT_M, self.position_m), (RIGHT_DEG, self.orientation_deg))
+        right = DISTANCES.right
+        known = ((right.distance_m, self.position_m), (right.angle_deg, self.orientation_deg))
         shares = [1 - (1 - _HELD) ** ((limit / radius) ** 2) for limit, radius in known if radius]
         return min(shares, default=1.0)
 

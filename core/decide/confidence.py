@@ -13,7 +13,8 @@ from importlib import resources
 
 import torch
 
-from panoloc.core.decide.accuracy import NO_NOISE, RIGHT_DEG, RIGHT_M, Accuracy
+from panoloc.core.config import DISTANCES
+from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.hypotheses import Hypothesis
 
 _USUALLY_APART = 7.0  # times the formal radius, halves of images whose pose is right; half of them are farther apart
@@ -115,12 +116,13 @@ def load_confidence_model() -> ConfidenceModel:
 
 def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, float]:
     """Return the features of a pose against its rivals at other places."""
-    measures = best.measures
+    measures, right = best.measures, DISTANCES.right
     halves = _UNKNOWN_HALVES
     if "halves_apart_m" in measures:
-        halves = _times_nearer(
-            math.hypot(measures["halves_apart_m"] / RIGHT_M, measures["halves_apart_deg"] / RIGHT_DEG)
+        share = math.hypot(
+            measures["halves_apart_m"] / right.distance_m, measures["halves_apart_deg"] / right.angle_deg
         )
+        halves = min(max(-math.log(max(share, 1e-9)), _LEAST_LOGARITHM), _MOST_LOGARITHM)
     return {
         "agreement": measures["patch_correlation"],
         "margin": _margin(best, [rival for rival in rivals if not rival.is_alias]),
@@ -138,11 +140,6 @@ def _margin(best: Hypothesis, rivals: Sequence[Hypothesis]) -> float:
     """Return by how much a score is over that of the best rival, as a share of it, within `_FAR_AHEAD` either way."""
     rival, most = max((each.score for each in rivals), default=0.0), best.measures.get("most_margin", _FAR_AHEAD)
     return max(-_FAR_AHEAD, min(most, 1 - rival / max(best.score, 1e-6)))
-
-
-def _times_nearer(share: float) -> float:
-    """Return the logarithm of how many times nearer than what is right something is that is a `share` of that apart."""
-    return min(max(-math.log(max(share, 1e-9)), _LEAST_LOGARITHM), _MOST_LOGARITHM)
 
 
 def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:

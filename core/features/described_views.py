@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import DescriptorConfig
-from panoloc.core.features.equalization import equalization_tables
+from panoloc.core.features.equalization import equalization_tables, equalize
+from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.features.patch_descriptors import (
     ViewDescriptors,
     centered_roots,
@@ -22,7 +23,7 @@ from panoloc.core.features.patch_descriptors import (
     spreads_of,
 )
 from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.features.patch_histograms import described_histograms
+from panoloc.core.features.patch_histograms import soft_histograms
 
 
 @dataclass(frozen=True)
@@ -56,26 +57,26 @@ class DescribedViews:
         return self.steps.float().mul_(self.scale[:, None, None])
 
     @cached_property
+    @torch.inference_mode(False)  # they outlive the query that asked for them first
     def _pooled(self) -> tuple[ViewDescriptors, ViewDescriptors]:
-        with torch.inference_mode(False):  # they outlive the query that asked for them first
-            halved = pooled(self._values(), self.weights.float())
-            return self._with_spreads(*halved), self._with_spreads(*pooled(*halved))
+        halved = pooled(self._values(), self.weights.float())
+        return self._with_spreads(*halved), self._with_spreads(*pooled(*halved))
 
     def _with_spreads(self, values: Tensor, weights: Tensor) -> ViewDescriptors:
         return ViewDescriptors(values, self.basis, weights, spreads_of(values, weights))
 
     @cached_property
+    @torch.inference_mode(False)  # they outlive the query that asked for them first
     def spreads(self) -> Tensor:
         """Return how the descriptors of each view spread, (T, D, D); see `spreads_of`."""
-        with torch.inference_mode(False):  # they outlive the query that asked for them first
-            return spreads_of(self._values(), self.weights.float())
+        return spreads_of(self._values(), self.weights.float())
 
     @cached_property
+    @torch.inference_mode(False)  # they outlive the query that asked for them first
     def tables(self) -> Tensor:
         """Return the tables (3, 256) that equalize all pictures together."""
-        with torch.inference_mode(False):  # they outlive the query that asked for them first
-            colors, seen = self.pictures.flatten(0, 2), self.seen.flatten()
-            return equalization_tables(colors[None].float() / 255, seen[None].float())[0]
+        colors, seen = self.pictures.flatten(0, 2), self.seen.flatten()
+        return equalization_tables(colors[None].float() / 255, seen[None].float())[0]
 
     def take(self, keep: Tensor) -> "DescribedViews":
         """Return the views numbered `keep`."""
@@ -113,13 +114,14 @@ class ViewCollector:
         self._config, self._is_labels = config, is_labels
         self._grid = PatchGrid(config.patch_rows, 2 * config.patch_rows)
         self._solid_angles = self._grid.solid_angles(sample.color.device)
-        roots, _ = centered_roots(self._histograms(sample), self._solid_angles)
+        roots, _ = centered_roots(described_histograms(sample, self._grid, config.bins, is_labels), self._solid_angles)
         self._basis = principal_basis(roots, config.size)
         self._parts: list[DescribedViews] = []
 
     def add(self, views: RenderedViews) -> None:
         """Describe a batch."""
-        values, weights = described(self._histograms(views), self._solid_angles, self._basis)
+        histograms = described_histograms(views, self._grid, self._config.bins, self._is_labels)
+        values, weights = described(histograms, self._solid_angles, self._basis)
         scale = values.abs().amax((1, 2)).clamp_min(1e-9) / self._config.steps
         steps = (values / scale[:, None, None]).round().to(torch.int8)
         pictures, seen = small_pictures(views, self._config.picture_height)
@@ -131,16 +133,18 @@ class ViewCollector:
         joined = {name: torch.cat([getattr(part, name) for part in self._parts]) for name in names}
         return DescribedViews(**joined, basis=self._basis).take(keep)
 
-    def _histograms(self, views: RenderedViews) -> Tensor:
-        return described_histograms(
-            views.color,
-            views.canonical,
-            views.valid.float(),
-            views.weights,
-            self._grid,
-            self._config.bins,
-            self._is_labels,
-        )
+
+def described_histograms(views: RenderedViews, grid: PatchGrid, bins: int, is_labels: bool) -> Tensor:
+    """Return what patches are described by: histograms of equalized colours and, next to them, of local contrast (B, P, 2 bins³).
+
+    Labels have no light: (B, P, bins³).
+    """
+    batch, height, width, _ = views.color.shape
+    patch = grid.patch_of_pixel(height, width, views.color.device).flatten().expand(batch, -1)
+    weights, parts = views.weights.flatten(1), [views.canonical]
+    if not is_labels:
+        parts.append(equalize(local_contrast(views.color, views.valid.float()).flatten(1, 2), weights))
+    return torch.cat([soft_histograms(part, weights, patch, len(grid), bins) for part in parts], dim=-1)
 
 
 def small_pictures(views: RenderedViews, height: int) -> tuple[Tensor, Tensor]:

@@ -76,6 +76,6 @@ def _surroundings(color: Tensor, valid: Tensor, window: SphereWindow) -> Tensor:
 
 
 @lru_cache(maxsize=8)
+@torch.inference_mode(False)  # it outlives the query that asked for it first
 def _weights_around(window: SphereWindow, device: str) -> Tensor:
-    with torch.inference_mode(False):  # it outlives the query that asked for it first
-        return weights_between(window.directions(torch.device(device)), window.solid_angles(torch.device(device)))
+    return weights_between(window.directions(torch.device(device)), window.solid_angles(torch.device(device)))

@@ -3,10 +3,6 @@
 import torch
 from torch import Tensor
 
-from panoloc.core.features.equalization import equalize
-from panoloc.core.features.local_contrast import local_contrast
-from panoloc.core.features.patch_grid import PatchGrid
-
 
 def soft_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: int, bins: int) -> Tensor:
     """Return normalised joint histograms (V, P, bins³), each pixel shared trilinearly between the bins around it.
@@ -30,20 +26,3 @@ def soft_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: 
                 histogram.scatter_add_(1, first + ((red * bins + green) * bins + blue), part)
     histogram = histogram.view(len(color), num_patches, -1)
     return histogram.div_(histogram.sum(-1, keepdim=True).clamp_min(1e-12))
-
-
-def described_histograms(
-    color: Tensor, canonical: Tensor, valid: Tensor, weights: Tensor, grid: PatchGrid, bins: int, is_labels: bool
-) -> Tensor:
-    """Return what patches are described by: histograms of equalized colours and, next to them, of local contrast (B, P, 2 bins³).
-
-    color: (B, H, W, 3); canonical: (B, H W, 3), both in 0..1; valid, weights: (B, H, W). Labels have no light: (B, P, bins³).
-    """
-    batch, height, width, _ = color.shape
-    patch = grid.patch_of_pixel(height, width, color.device).flatten().expand(batch, -1)
-    flat = weights.flatten(1)
-    histograms = soft_histograms(canonical, flat, patch, len(grid), bins)
-    if is_labels:
-        return histograms
-    contrast = equalize(local_contrast(color, valid).flatten(1, 2), flat)
-    return torch.cat((histograms, soft_histograms(contrast, flat, patch, len(grid), bins)), dim=-1)

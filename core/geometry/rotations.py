@@ -55,14 +55,14 @@ def turns_of_axes(device: str) -> Tensor:
 
 
 @lru_cache(maxsize=4)
+@torch.inference_mode(False)  # they outlive the query that asked for them first
 def rotations_of_axes(count: int, device: str) -> Tensor:
     """Return, of `count` rotations spread evenly over SO(3), those (K, 3, 3) that suffice for three axes at right angles: of the 24
     rotations that bring such axes onto themselves none is nearer to them than the identity."""
-    with torch.inference_mode(False):  # they outlive the query that asked for them first
-        rotations = uniform_rotations(count).to(device)
-        # The angle of a rotation falls with its trace.
-        traces = rotations.flatten(1) @ turns_of_axes(device).flatten(1).T
-        return rotations[traces.amax(1) <= torch.diagonal(rotations, dim1=-2, dim2=-1).sum(-1) + 1e-6]
+    rotations = uniform_rotations(count).to(device)
+    # The angle of a rotation falls with its trace.
+    traces = rotations.flatten(1) @ turns_of_axes(device).flatten(1).T
+    return rotations[traces.amax(1) <= torch.diagonal(rotations, dim1=-2, dim2=-1).sum(-1) + 1e-6]
 
 
 def rotation_angle(first: Tensor, second: Tensor) -> Tensor:

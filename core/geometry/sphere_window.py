@@ -128,14 +128,14 @@ def _arc(azimuths: Tensor, elevations: Tensor, margin: float) -> tuple[float, fl
 
 
 @lru_cache(maxsize=8)
+@torch.inference_mode(False)  # it outlives the query that asked for it first
 def _directions(window: SphereWindow, device: str) -> Tensor:
-    with torch.inference_mode(False):  # it outlives the query that asked for it first
-        return torch.from_numpy(window.grid()).float().to(device).view(-1, 3)
+    return torch.from_numpy(window.grid()).float().to(device).view(-1, 3)
 
 
 @lru_cache(maxsize=8)
+@torch.inference_mode(False)
 def _solid_angles(window: SphereWindow, device: str) -> Tensor:
-    with torch.inference_mode(False):
-        solid = pixel_solid_angles(window.rows, 2 * window.rows, device)
-        rows = slice(window.first_row, window.first_row + window.height)
-        return solid[rows].expand(-1, window.width).flatten()
+    solid = pixel_solid_angles(window.rows, 2 * window.rows, device)
+    rows = slice(window.first_row, window.first_row + window.height)
+    return solid[rows].expand(-1, window.width).flatten()

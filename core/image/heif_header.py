@@ -5,7 +5,6 @@ Both are trees of boxes (ISO/IEC 14496-12): a size, four letters, and the conten
 
 import struct
 from collections.abc import Iterator
-from itertools import islice
 
 from PIL import ImageFile
 
@@ -54,11 +53,9 @@ def _sizes(data: bytes) -> Iterator[tuple[int, int]]:
 
 def _boxes(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
     """Yield of each box its four letters, and where its content begins and ends."""
-    return islice(_all_boxes(data, start, end), _MOST_BOXES)
-
-
-def _all_boxes(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
-    while start + 8 <= end:
+    for _ in range(_MOST_BOXES):
+        if start + 8 > end:
+            return
         size, kind = struct.unpack_from(">I4s", data, start)
         begin = start + 8
         if size == 1 and begin + 8 <= end:  # the size follows, in 64 bits

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from panoloc.core.config import IndexConfig, StartsConfig
+from panoloc.core.config import IndexConfig
 from panoloc.core.features.described_views import RenderedViews, ViewCollector
 from panoloc.core.features.equalization import equalize
 from panoloc.core.geometry.projection import pixel_solid_angles
@@ -78,7 +78,9 @@ def build_map_index(
         collector.add(views)
         coverage.append(views.weights.sum((1, 2)) / (4 * math.pi))
         sampled_shares.append((sampled * views.weights).sum((1, 2)) / (4 * math.pi))
-    keep = _well_covered(torch.cat(coverage), config.starts)
+    covered = torch.cat(coverage)
+    # The others do not see enough to lie inside the scanned space.
+    keep = (covered >= config.starts.min_coverage_share * covered.max()).nonzero()[:, 0]
     report("describing views", 0.0)
     found = collector.collected(keep)
     aliases = find_aliases(found, centers[keep], config.aliases)
@@ -107,11 +109,6 @@ def views_to_describe(
     flat = views.color.flatten(1, 2)
     canonical = flat if is_labels else equalize(flat, weights.flatten(1))
     return RenderedViews(views.color, canonical, views.valid, weights), views.point >= 0
-
-
-def _well_covered(coverage: Tensor, config: StartsConfig) -> Tensor:
-    """Return the numbers of the views that see enough to lie inside the scanned space."""
-    return (coverage >= config.min_coverage_share * coverage.max()).nonzero()[:, 0]
 
 
 def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> Starts:

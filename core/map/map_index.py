@@ -87,16 +87,16 @@ class MapIndex:
         return self.labels.recode(self.colors)[0]
 
     @cached_property
+    @torch.inference_mode(False)  # what one query makes must serve every other
     def render_cloud(self) -> RenderCloud:
         """Return the points with canonical colours (as scanned, or label codes), ready for rendering; made once."""
-        with torch.inference_mode(False):  # what one query makes must serve every other
-            return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
+        return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
 
     @cached_property
+    @torch.inference_mode(False)
     def wall_axes(self) -> Tensor:
         """Return the axes that the walls are built along (see `panoloc.core.map.wall_axes`); made once."""
-        with torch.inference_mode(False):
-            return wall_axes(self.positions)
+        return wall_axes(self.positions)
 
     @cached_property
     def surface_thickness_m(self) -> float:

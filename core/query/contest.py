@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import DISTANCES, LocalizerConfig
-from panoloc.core.decide.accuracy import RIGHT, Accuracy
+from panoloc.core.decide.accuracy import Accuracy
 from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import (
     Hypothesis,
@@ -23,7 +23,7 @@ from panoloc.core.decide.hypotheses import (
 from panoloc.core.query.focal_lengths import focal_uncertainty
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.refinement import Refinement
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.stage_clock import StageClock
 
@@ -36,7 +36,7 @@ class _Full:
     medium: Hypothesis
     final: Hypothesis
     comparison: Comparison
-    points: CandidatePoints
+    points: PointPlanes
     has_signs: bool = False
 
 
@@ -102,7 +102,7 @@ class Contest:
                 break
             losers.append(best)
             best, comparison = self._with_signs(fulls[0]), fulls[0].comparison
-        power, others = focal.power, [loser for loser in losers if not loser.is_near(best, RIGHT)]
+        power, others = focal.power, [loser for loser in losers if not loser.is_near(best, DISTANCES.right)]
         odds = sum((loser.score / max(best.score, 1e-6)) ** power for loser in others)
         best = replace(best, measures=best.measures | {"focal_odds": odds})
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses

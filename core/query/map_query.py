@@ -22,7 +22,7 @@ from panoloc.core.refine.aligned_points import (
     points_seen_from_starts,
     views_from_starts,
 )
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.render.synthetic_view import RENDER_BATCH
@@ -98,7 +98,7 @@ class MapQuery:
         measured = agreement(comparison, self.config.judge, self.rig.shares(group), patch_deg, agreeing)
         return with_agreement(group, replace(measured, score=measured.score * self.rig.likelihoods(group)))
 
-    def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
+    def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> PointPlanes:
         """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""
         sizes, rig = self.config.refinement, self.rig
         rows, views = self._views_from(sorted({h.start for h in group}))
@@ -110,7 +110,7 @@ class MapQuery:
 
     def points_from_poses(
         self, group: Sequence[Hypothesis], comparison: Comparison, count: int, patch_deg: float, contrast: float
-    ) -> CandidatePoints:
+    ) -> PointPlanes:
         """Return `count` points that the poses compared see, in patches of `patch_deg`."""
         look = self.rig.look(count, self.config.refinement.margin_deg, patch_deg)
         return points_seen_from_poses(self.rig.view, self.cloud, comparison, *stacked_poses(group), look, contrast)

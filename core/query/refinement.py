@@ -12,7 +12,8 @@ from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses, wi
 from panoloc.core.image.level import Level
 from panoloc.core.query.map_query import MapQuery, by_colors, map_numbers
 from panoloc.core.refine.halves import halves_apart
-from panoloc.core.refine.refinement import CandidatePoints, joined, refine
+from panoloc.core.refine.refinement import joined, refine
+from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.stage_clock import StageClock
 
@@ -60,7 +61,7 @@ class Refinement:
             refined += group
         return refined
 
-    def fine(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, CandidatePoints]:
+    def fine(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, PointPlanes]:
         """Refine at full resolution, with all points and the colours of this pose alone; return these points as well."""
         self.clock.check()
         sizes, rig = self.config.refinement, query.rig
@@ -83,7 +84,7 @@ class Refinement:
             beyond_limits=beyond,
         ), points
 
-    def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: CandidatePoints) -> Hypothesis:
+    def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: PointPlanes) -> Hypothesis:
         """Return a hypothesis that was refined fully, with how far apart the halves of the picture end from there among its measures."""
         sizes = self.config.refinement
         level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.medium_contrast)
@@ -110,7 +111,7 @@ class Refinement:
     def _refine(
         self,
         level: Level,
-        points: CandidatePoints,
+        points: PointPlanes,
         group: Sequence[Hypothesis],
         iterations: int,
         step: StepConfig,

@@ -59,7 +59,7 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
     best = _best(queries, found, config.num_candidates)
     scores = [float(part.candidates.scores.max()) for part in found if len(part.candidates)]
     return Proposed(
-        _portions(best, config.first_portion),
+        [part for part in (best[: config.first_portion], best[config.first_portion :]) if part],
         max(scores, default=0.0),
         sum(part.num_starts for part in found),
         sum(part.num_poses for part in found),
@@ -123,8 +123,3 @@ def _best(queries: Sequence[MapQuery], found: Sequence[MapCandidates], count: in
             scored.append((score, Hypothesis(query.number, start, rotation, position)))
     scored.sort(key=lambda pair: -pair[0])
     return [hypothesis for _, hypothesis in scored[:count]]
-
-
-def _portions(candidates: Sequence[Hypothesis], count: int) -> list[list[Hypothesis]]:
-    """Return candidates, best first, in portions that are refined one after the other until an answer is sure: `count`, the rest."""
-    return [list(part) for part in (candidates[:count], candidates[count:]) if part]

@@ -17,7 +17,7 @@ from panoloc.core.geometry.rotations import even_directions
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.refine.patches import patch_numbers
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.render.synthetic_view import RENDER_BATCH, halve, render_views
@@ -49,13 +49,13 @@ def look_directions(pyramid: RigPyramid, count: int, margin_deg: float, patch_de
 
 
 @lru_cache(maxsize=12)
+@torch.inference_mode(False)  # they outlive the query that asked for them first
 def _lattice_in_patches(count: int, patch_deg: float, device: str) -> tuple[Tensor, Tensor]:
     """Return directions spread evenly (count, 3), patch after patch, and the number of each one's patch. Not to be changed: many share
     them."""
-    with torch.inference_mode(False):  # they outlive the query that asked for them first
-        every = even_directions(count)
-        patches, order = patch_numbers(every, patch_deg).sort(stable=True)
-        return every[order].to(device), patches.to(device)
+    every = even_directions(count)
+    patches, order = patch_numbers(every, patch_deg).sort(stable=True)
+    return every[order].to(device), patches.to(device)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def points_seen_from_starts(
     look: LookDirections,
     coarse: bool,
     contrast_share: float,
-) -> CandidatePoints:
+) -> PointPlanes:
     """Return the points that K candidates should see, in the colours of the views `numbers` (K,) of their starts.
 
     rotations (K, 3, 3) and positions (K, 3): of the rig. coarse: colours of half the views' rows. Colours are equalized over what the
@@ -112,7 +112,9 @@ def points_seen_from_starts(
         colors = apply_tables(colors, equalization_tables(colors, weights * look.inside))
         colors = torch.lerp(colors, views.contrast[which][numbers[:, None], pixel], contrast_share)
     seen = cloud.positions[point.clamp_min(0)]
-    return CandidatePoints(seen, colors, weights, images_showing(pyramid, seen, rotations, positions), look.patches)
+    return PointPlanes.of_triples(
+        seen, colors, weights, images_showing(pyramid, seen, rotations, positions), look.patches
+    )
 
 
 def points_seen_from_poses(
@@ -123,7 +125,7 @@ def points_seen_from_poses(
     positions: Tensor,
     look: LookDirections,
     contrast_share: float,
-) -> CandidatePoints:
+) -> PointPlanes:
     """Return the points that images show at K rendered poses of the rig, in the colours of the comparison."""
     window = comparison.views.window
     pixel, inside = window.pixels_towards(look.directions @ view.rig_from_view)
@@ -142,7 +144,7 @@ def points_seen_from_poses(
         colors = torch.lerp(colors, contrast, contrast_share)
     seen = cloud.positions[point.clamp_min(0)]
     found = images_showing(view.pyramid, seen, rotations, positions)
-    return CandidatePoints(seen, colors[:, pixel], weights, found, look.patches)
+    return PointPlanes.of_triples(seen, colors[:, pixel], weights, found, look.patches)
 
 
 def images_showing(pyramid: RigPyramid, points: Tensor, rotations: Tensor, positions: Tensor) -> Tensor | None:

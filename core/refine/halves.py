@@ -15,14 +15,15 @@ from panoloc.core.config import RefinementConfig
 from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.image.level import Level
 from panoloc.core.refine.patches import on_black_squares
-from panoloc.core.refine.refinement import CandidatePoints, refine
+from panoloc.core.refine.refinement import refine
+from panoloc.core.refine.step import PointPlanes
 
 _NOWHERE_M, _NOWHERE_RAD = 1.0, math.pi / 2  # of halves that nothing is known of
 
 
 def halves_apart(
     level: Level,
-    points: CandidatePoints,
+    points: PointPlanes,
     rotation: Tensor,
     position: Tensor,
     log_focals: Tensor | None,
@@ -34,7 +35,7 @@ def halves_apart(
     The halves are the black and the white squares of a chessboard on the sphere. points: of that one pose. rotation: (3, 3)
     map_from_camera; position: (3,) metres.
     """
-    directions = torch.nn.functional.normalize((points.positions[0] - position) @ rotation, dim=-1)
+    directions = torch.nn.functional.normalize((points.positions[0].T - position) @ rotation, dim=-1)
     is_black = on_black_squares(directions, square_deg)
     weights = points.weights[0] * torch.stack((is_black, ~is_black))
     both = replace(points.take(torch.zeros(2, dtype=torch.long, device=weights.device)), weights=weights)

@@ -17,52 +17,18 @@ from panoloc.core.config import DISTANCES, StepConfig, StoppingRule
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.image.level import Level
 from panoloc.core.kernels.cuda import has_cuda_kernel
-from panoloc.core.refine.patches import PatchSums
 from panoloc.core.refine.step import PointPlanes, pose_steps
 
 
-@dataclass(frozen=True)
-class CandidatePoints:
-    """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point).
-
-    images: (K, N) int64, which image of a rig shows each point; None of a rig of one. patches: (N,) int64, ascending, which patch of the
-    sphere each point lies in (see `panoloc.core.refine.step`).
-    """
-
-    positions: Tensor
-    colors: Tensor
-    weights: Tensor
-    images: Tensor | None
-    patches: Tensor
-
-    def take(self, chosen: Tensor) -> "CandidatePoints":
-        """Return the points of the candidates numbered `chosen`."""
-        images = None if self.images is None else self.images[chosen]
-        colors, weights = self.colors[chosen], self.weights[chosen]
-        return CandidatePoints(self.positions[chosen], colors, weights, images, self.patches)
-
-    def thinned(self, stride: int) -> "CandidatePoints":
-        """Return every n-th point."""
-        patches = torch.unique(self.patches[::stride], return_inverse=True)[1]
-        images = None if self.images is None else self.images[:, ::stride]
-        positions, colors, weights = (part[:, ::stride] for part in (self.positions, self.colors, self.weights))
-        return CandidatePoints(positions, colors, weights, images, patches)
-
-    def planes(self) -> PointPlanes:
-        """Return them as planes."""
-        positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        return PointPlanes(positions, colors, self.weights, self.images, PatchSums(self.patches))
-
-
-def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
-    """Return the points of several groups of candidates, one group after the other; all with the same number N and patches."""
+def joined(parts: Sequence[PointPlanes]) -> PointPlanes:
+    """Return the points of several groups of candidates, one group after the other; all with the same patches."""
     images = [part.images for part in parts if part.images is not None]
-    return CandidatePoints(
+    return PointPlanes(
         torch.cat([part.positions for part in parts]),
         torch.cat([part.colors for part in parts]),
         torch.cat([part.weights for part in parts]),
         torch.cat(images) if images else None,
-        parts[0].patches,
+        parts[0].sums,
     )
 
 
@@ -113,7 +79,7 @@ class _Active:
 
 def refine(
     level: Level,
-    points: CandidatePoints,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     iterations: int,
@@ -152,7 +118,7 @@ def refine(
 
 
 def _at_start(
-    points: CandidatePoints,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     log_focals: Tensor | None,
@@ -166,7 +132,7 @@ def _at_start(
         numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers), focals, nothing
     )
     step = torch.zeros((len(rotations), 6 if focal_bounds is None else 7), device=rotations.device)
-    return _Active(points.planes(), poses, step, log_focals is not None)
+    return _Active(points, poses, step, log_focals is not None)
 
 
 def _stepped(

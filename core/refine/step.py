@@ -33,9 +33,10 @@ _METRES_PER_RAD, _METRES_PER_LOG = 1.5, 2.0  # of turns and focal lengths that m
 
 @dataclass(frozen=True)
 class PointPlanes:
-    """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
+    """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0 (zero: no
+    point).
 
-    images: (K, N), as in `CandidatePoints`. sums: over the patches.
+    images: (K, N) int64, which image of a rig shows each point; None of a rig of one. sums: over the patches of the sphere.
 
     One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
     """
@@ -46,10 +47,27 @@ class PointPlanes:
     images: Tensor | None
     sums: PatchSums
 
+    @classmethod
+    def of_triples(
+        cls, positions: Tensor, colors: Tensor, weights: Tensor, images: Tensor | None, patches: Tensor
+    ) -> "PointPlanes":
+        """Return points of positions and colors (K, N, 3). patches: (N,) int64, ascending, which patch each point lies in."""
+        planes = positions.transpose(1, 2).contiguous(), colors.transpose(1, 2).contiguous()
+        return cls(planes[0], planes[1], weights, images, PatchSums(patches))
+
     def take(self, chosen: Tensor) -> "PointPlanes":
-        """Return the points of some of the candidates."""
+        """Return the points of the candidates numbered `chosen`."""
         images = None if self.images is None else self.images[chosen]
         return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], images, self.sums)
+
+    def thinned(self, stride: int) -> "PointPlanes":
+        """Return every n-th point."""
+        patches = torch.unique(self.sums.patches[::stride], return_inverse=True)[1]
+        images = None if self.images is None else self.images[:, ::stride].contiguous()
+        positions, colors, weights = (
+            each[..., ::stride].contiguous() for each in (self.positions, self.colors, self.weights)
+        )
+        return PointPlanes(positions, colors, weights, images, PatchSums(patches))
 
 
 @dataclass(frozen=True)

@@ -174,10 +174,10 @@ def _in_each(work: Callable[..., Found], *columns: Sequence[Any]) -> list[Found]
 
 
 @lru_cache(maxsize=6)
+@torch.inference_mode(False)  # they outlive the query that asked for them first
 def rotations_of(count: int, device: str) -> Tensor:
     """Return so many rotations (R, 3, 3) spread evenly over SO(3), made once. Not to be changed: many share them."""
-    with torch.inference_mode(False):  # they outlive the query that asked for them first
-        return uniform_rotations(count).to(device)
+    return uniform_rotations(count).to(device)
 
 
 def patch_scores_of(

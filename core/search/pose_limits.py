@@ -9,7 +9,7 @@ from torch import Tensor
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, Hints
+from panoloc.core.options import DEFAULT_RADIUS_M, DEFAULT_TOLERANCE_DEG, Hints
 
 _NOTICEABLE = math.radians(0.5)  # less is within what refinement is off by
 _INSIDE = 1e-4  # radians; what is turned back to a limit must lie within it whatever is rounded
@@ -137,9 +137,7 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
 
     _check(hints)
     tilt = hints.most_tilt_deg
-    tolerance = (
-        hints.heading_tolerance_deg if hints.heading_tolerance_deg is not None else DEFAULT_HEADING_TOLERANCE_DEG
-    )
+    tolerance = DEFAULT_TOLERANCE_DEG if hints.heading_tolerance_deg is None else hints.heading_tolerance_deg
     return PoseLimits(
         center=None if hints.position_m is None else local(hints.position_m),
         radius_m=hints.radius_m if hints.radius_m is not None else DEFAULT_RADIUS_M,

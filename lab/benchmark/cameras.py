@@ -4,13 +4,13 @@ They are sent in turn, so that whatever else the machine does meets them alike.
 """
 
 import tempfile
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
 from PIL import Image
 
-from panoloc.core.decide.accuracy import RIGHT_DEG, RIGHT_M
+from panoloc.core.config import DISTANCES
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.lab.benchmark.query_load import KnownQuery, send_queries
 from panoloc.lab.benchmark.sizes import Sizes
@@ -52,7 +52,7 @@ def measure_cameras(session: Session, url: str, sizes: Sizes, say: Say) -> list[
             "images": len(queries[camera][0].images),
             "queries": len(of),
             "localized": sum(answer.is_localized for answer in of),
-            "right": sum(answer.error is not None and answer.error.within(RIGHT_M, RIGHT_DEG) for answer in of),
+            "right": sum(answer.error is not None and answer.error.within(*astuple(DISTANCES.right)) for answer in of),
             "latency": asdict(latency[camera]),
             "ratio": latency[camera].median_ms / latency["panorama"].median_ms,
         }

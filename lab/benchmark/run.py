@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rich.console import Console
 from rich.markup import escape
 
 from panoloc.core.errors import OptionsError
@@ -22,12 +21,11 @@ from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark, service_benchmark
 from panoloc.lab.benchmark.sizes import Sizes
 from panoloc.lab.benchmark.tables import tables_of
-from panoloc.lab.display import print_tables, progress
+from panoloc.lab.display import progress, show_report
 from panoloc.lab.machine import machine, versions
 from panoloc.service.cli.session import Session
 from panoloc.service.host.process_resources import num_usable_cpus
 
-_TEXT_WIDTH = 240
 _BUSY_LOAD = 0.25  # of the processors
 
 
@@ -65,13 +63,7 @@ def run_bench(request: BenchRequest, session: Session) -> None:
         document["parts"][name] = figures
         (request.out / "bench.json").write_text(dumps(document, indent=1) + "\n", encoding="utf-8")
         session.messages.print(f"{name}: measured in {figures['measured_in_s']:.0f} s")
-    tables = tables_of(document)
-    with (request.out / "bench.txt").open("w", encoding="utf-8") as stream:
-        print_tables(Console(file=stream, width=_TEXT_WIDTH), tables)
-    if session.json_output:
-        session.print_json(document)
-    else:
-        print_tables(session.results, tables)
+    show_report(session, request.out, "bench", document, tables_of(document))
     session.messages.print(f"In {escape(str(request.out))}: bench.txt, bench.json")
 
 

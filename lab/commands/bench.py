@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 import typer
 
 from panoloc.lab.benchmark.sizes import FULL, QUICK
-from panoloc.lab.display import core_errors_shown
-from panoloc.service.cli.session import JsonOption, Session
+from panoloc.lab.display import session_of
+from panoloc.service.cli.session import JsonOption
 from panoloc.service.host.process_resources import bound_spinning
 
 # Typer takes no list of literals.
@@ -48,9 +48,7 @@ def bench(
 
     Needs no files. Takes about half an hour on two cores, with --quick about a minute.
     """
-    session: Session = ctx.obj
-    session.json_output = json
-    with core_errors_shown(session):
+    with session_of(ctx, json) as session:
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
         from panoloc.lab.benchmark.run import BenchRequest, run_bench

@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from panoloc.lab.background_service import BackgroundService, start_in_background, wait_until_ready
-from panoloc.lab.display import core_errors_shown
+from panoloc.lab.display import session_of
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from panoloc.service.cli.localize import save_answer
 from panoloc.service.cli.progress import show_waiting
@@ -38,8 +38,7 @@ def demo(
 
     Uses the service at --url; where none runs on this machine, one is started and left running.
     """
-    session = Session.of(ctx, json)
-    with core_errors_shown(session):
+    with session_of(ctx, json) as session:
         return _run(session, folder, seed, url)
 
 

@@ -13,8 +13,8 @@ import typer
 from rich.markup import escape
 
 from panoloc.core.errors import OptionsError
-from panoloc.lab.display import core_errors_shown
-from panoloc.service.cli.session import JsonOption, Session
+from panoloc.lab.display import session_of
+from panoloc.service.cli.session import JsonOption
 from panoloc.service.host.process_resources import bound_spinning
 
 app = typer.Typer(help="Measure methods on cases with known poses, and fit the confidence on the rows.")
@@ -61,9 +61,7 @@ def evaluate(
     """
     if ctx.invoked_subcommand is not None:
         return
-    session: Session = ctx.obj
-    session.json_output = json
-    with core_errors_shown(session):
+    with session_of(ctx, json) as session:
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
         from panoloc.lab.commands import evaluation_run
@@ -118,9 +116,7 @@ def parameters(
 
     Rows that --out already holds are not run again.
     """
-    session: Session = ctx.obj
-    session.json_output = json
-    with core_errors_shown(session):
+    with session_of(ctx, json) as session:
         bound_spinning()
         from panoloc.lab.commands import parameters_run
         from panoloc.lab.evaluation.sources import seed_range, suite_scans
@@ -147,9 +143,7 @@ def campus(
 
     Maps that --out already holds are not built again.
     """
-    session: Session = ctx.obj
-    session.json_output = json
-    with core_errors_shown(session):
+    with session_of(ctx, json) as session:
         bound_spinning()
         from panoloc.lab.commands.campus_run import run_campus
 
@@ -169,9 +163,7 @@ def fit(
     json: JsonOption = False,
 ) -> None:
     """Fit the confidence on rows, cross-validate it by group, and write the coefficients."""
-    session: Session = ctx.obj
-    session.json_output = json
-    with core_errors_shown(session):
+    with session_of(ctx, json) as session:
         from json import dumps
 
         from panoloc.lab.commands.evaluation_run import held_out_table

@@ -3,16 +3,14 @@
 import os
 import sys
 from collections.abc import Sequence
-from json import dumps
 from pathlib import Path
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.kernels.library import use_threads
-from panoloc.lab.display import print_tables, progress, table
+from panoloc.lab.display import progress, show_report, table
 from panoloc.lab.evaluation.fit_confidence import HeldOut
 from panoloc.lab.evaluation.known_cases import ScanCases
 from panoloc.lab.evaluation.methods import compared_method
@@ -22,7 +20,6 @@ from panoloc.lab.evaluation.summary import DEFAULT_LIMITS, Limits, Quartiles, Su
 from panoloc.service.cli.session import Session
 
 THREADS_VARIABLE = "PANOLOC_EVAL_THREADS"
-_TEXT_WIDTH = 240
 
 
 def run_evaluation(
@@ -43,15 +40,7 @@ def run_evaluation(
     rows = rows_shown(Evaluation(scans, methods, RowsFile(out / "rows.jsonl"), options), session)
     found = summaries(rows, limits)
     document = report_document(found, rows, methods, limits, ["panoloc", *sys.argv[1:]])
-    tables = evaluation_tables(found, limits)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "report.json").write_text(dumps(document, indent=1) + "\n", encoding="utf-8")
-    with (out / "report.txt").open("w", encoding="utf-8") as stream:
-        print_tables(Console(file=stream, width=_TEXT_WIDTH), tables)
-    if session.json_output:
-        session.print_json(document)
-    else:
-        print_tables(session.results, tables)
+    show_report(session, out, "report", document, evaluation_tables(found, limits))
     session.messages.print(f"In {escape(str(out))}: report.txt, report.json, rows.jsonl")
 
 

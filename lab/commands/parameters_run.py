@@ -2,22 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from json import dumps
 from pathlib import Path
 
-from rich.console import Console
 from rich.markup import escape
 
 from panoloc.lab.commands.evaluation_run import rows_shown, set_threads
-from panoloc.lab.display import print_tables, table
+from panoloc.lab.display import show_report, table
 from panoloc.lab.evaluation.known_cases import ScanCases
 from panoloc.lab.evaluation.methods import compared_method
 from panoloc.lab.evaluation.parameters import Outcome, Worth, parameters_like, worth_of
 from panoloc.lab.evaluation.rows import RowsFile
 from panoloc.lab.evaluation.runner import Evaluation, RunOptions
 from panoloc.service.cli.session import Session
-
-_TEXT_WIDTH = 240
 
 
 def run_parameters(
@@ -36,14 +32,7 @@ def run_parameters(
     found = worth_of(chosen, base, rows)
     document = [_document(each) for each in found]
     tables = [table([_line(each) for each in found], 2)]
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "parameters.json").write_text(dumps(document, indent=1) + "\n", encoding="utf-8")
-    with (out / "parameters.txt").open("w", encoding="utf-8") as stream:
-        print_tables(Console(file=stream, width=_TEXT_WIDTH), tables)
-    if session.json_output:
-        session.print_json({"parameters": document})
-    else:
-        print_tables(session.results, tables)
+    show_report(session, out, "parameters", document, tables, {"parameters": document})
     session.messages.print(f"In {escape(str(out))}: parameters.txt, parameters.json, rows.jsonl")
 
 

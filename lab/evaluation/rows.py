@@ -6,10 +6,12 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from panoloc.core.decide.accuracy import RIGHT_DEG, RIGHT_M
+from panoloc.core.config import DISTANCES
 from panoloc.core.errors import CoreError
 
-TIGHT, RIGHT, WRONG = (0.05, 5.0), (RIGHT_M, RIGHT_DEG), (0.5, 15.0)  # metres, degrees
+# Metres, degrees.
+TIGHT, WRONG = (0.05, 5.0), (0.5, 15.0)
+RIGHT = DISTANCES.right.distance_m, DISTANCES.right.angle_deg
 
 RowKey = tuple[str, str, str, str]
 

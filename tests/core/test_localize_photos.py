@@ -14,7 +14,7 @@ from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.localizer import Localizer, why_nothing_fits
-from panoloc.core.options import DEFAULT_TILT_DEG, MAX_SESSION_TILT_DEG, Hints
+from panoloc.core.options import DEFAULT_TOLERANCE_DEG, MAX_SESSION_TILT_DEG, Hints
 from panoloc.core.results import Localization
 from tests.core.built_maps import (
     BOX,
@@ -189,7 +189,7 @@ def test_upright_is_said_of_the_first_image(order: Sequence[int]) -> None:
     is_right = found.best is not None and pose_error(found.best.pose, truth).within(0.05, 2.0)
     assert is_right is (order[0] == 0)
     if found.best is not None:
-        assert found.best.pose.rotation[2, 2] >= np.cos(np.radians(DEFAULT_TILT_DEG)) - 1e-6
+        assert found.best.pose.rotation[2, 2] >= np.cos(np.radians(DEFAULT_TOLERANCE_DEG)) - 1e-6
 
 
 def test_a_photo_of_another_place_among_right_ones_is_told_by_its_agreement() -> None:

@@ -10,9 +10,8 @@ from panoloc.core import options
 from panoloc.core.camera.camera import CAMERA_MODELS, CameraDescription, CameraModel
 from panoloc.core.errors import OptionsError
 from panoloc.core.options import (
-    DEFAULT_HEADING_TOLERANCE_DEG,
     DEFAULT_RADIUS_M,
-    DEFAULT_TILT_DEG,
+    DEFAULT_TOLERANCE_DEG,
     FARTHEST_M,
     MAX_IMAGES,
     MAX_ORIENTATION_NOISE_DEG,
@@ -268,14 +267,14 @@ class Hints(RequestModel):
     region: Box | None = Field(None, description="Box around the camera in the map's own frame.")
     upright: bool | None = Field(None, description="The camera is level within `max_tilt_deg`.")
     max_tilt_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(
-        None, description=f"{DEFAULT_TILT_DEG:g} when only `upright` is given."
+        None, description=f"{DEFAULT_TOLERANCE_DEG:g} when only `upright` is given."
     )
     heading_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
         None,
         description="Yaw of the image centre, counter-clockwise about z from +x: the `yaw_deg` of an answer, not its `heading_deg`.",
     )
     heading_tolerance_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
-        None, description=f"{DEFAULT_HEADING_TOLERANCE_DEG:g} by default."
+        None, description=f"{DEFAULT_TOLERANCE_DEG:g} by default."
     )
     prior: Prior | None = Field(
         None,

@@ -43,7 +43,8 @@ def test_gain_and_offset_are_those_of_a_weighted_line_fit() -> None:
     source = rng.uniform(size=(200, 3))
     target = source * [0.8, 1.5, 0.6] + [0.1, -0.2, 0.05] + rng.normal(0, 0.01, (200, 3))
     weights = rng.uniform(size=200)
-    gain, offset = fit_gain_offset(*(torch.from_numpy(each)[None] for each in (source, target, weights)))
+    given = [torch.from_numpy(each)[None] for each in (source, target, weights)]
+    gain, offset = fit_gain_offset(given[0], given[1], given[2], 3.0)
     lines = [np.polyfit(source[:, channel], target[:, channel], 1, w=np.sqrt(weights)) for channel in range(3)]
     np.testing.assert_allclose(np.stack((gain[0], offset[0]), axis=1), lines, atol=0.02)
 
@@ -51,14 +52,14 @@ def test_gain_and_offset_are_those_of_a_weighted_line_fit() -> None:
 @pytest.mark.parametrize(("slope", "expected"), [(10.0, 3.0), (2.9, 2.9), (0.4, 0.4), (0.1, 1 / 3), (-1.0, 1 / 3)])
 def test_gains_stay_within_what_cameras_do_and_the_offset_still_meets_the_mean(slope: float, expected: float) -> None:
     source = torch.linspace(0, 1, 200).expand(3, -1).T[None]
-    gain, offset = fit_gain_offset(source, slope * source + 0.2, torch.ones((1, 200)))
+    gain, offset = fit_gain_offset(source, slope * source + 0.2, torch.ones((1, 200)), 3.0)
     assert gain[0].tolist() == pytest.approx([expected] * 3, abs=0.03)
     assert (gain * 0.5 + offset)[0].tolist() == pytest.approx([slope * 0.5 + 0.2] * 3, abs=1e-5)
 
 
 def test_where_there_is_no_contrast_the_gain_is_one() -> None:
     source = torch.full((1, 50, 3), 0.4)
-    gain, offset = fit_gain_offset(source, source + 0.1, torch.ones((1, 50)))
+    gain, offset = fit_gain_offset(source, source + 0.1, torch.ones((1, 50)), 3.0)
     assert gain[0].tolist() == pytest.approx([1.0] * 3, abs=1e-4)
     assert offset[0].tolist() == pytest.approx([0.1] * 3, abs=1e-4)
 

@@ -6,11 +6,10 @@ import pytest
 import torch
 
 from panoloc.core.config import DescriptorConfig
-from panoloc.core.features.described_views import DescribedViews, RenderedViews, ViewCollector
+from panoloc.core.features.described_views import DescribedViews, RenderedViews, ViewCollector, described_histograms
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.patch_descriptors import centered_roots, principal_basis
 from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.features.patch_histograms import described_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
 
 CONFIG = DescriptorConfig(view_height=32, bins=4, size=6, steps=31)
@@ -31,9 +30,7 @@ def rendered(count: int, seed: int, labels: bool = False) -> RenderedViews:
 
 
 def roots_of(views: RenderedViews, labels: bool) -> tuple[torch.Tensor, torch.Tensor]:
-    histograms = described_histograms(
-        views.color, views.canonical, views.valid.float(), views.weights, GRID, CONFIG.bins, labels
-    )
+    histograms = described_histograms(views, GRID, CONFIG.bins, labels)
     return centered_roots(histograms, GRID.solid_angles())
 
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from panoloc.core.config import DescriptorConfig, IndexConfig, StartsConfig
+from panoloc.core.features.described_views import RenderedViews, described_histograms
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.patch_descriptors import centered_roots, principal_basis
 from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.features.patch_histograms import described_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
@@ -51,7 +51,8 @@ def described_one_by_one(index: MapIndex) -> tuple[list[torch.Tensor], list[floa
         is_labels = index.labels is not None
         flat = views.color.flatten(1, 2)
         canonical = flat if is_labels else equalize(flat, weights.flatten(1))
-        made = described_histograms(views.color, canonical, views.valid.float(), weights, PatchGrid(4, 8), 4, is_labels)
+        seen = RenderedViews(views.color, canonical, views.valid, weights)
+        made = described_histograms(seen, PatchGrid(4, 8), 4, is_labels)
         histograms.append(made[0])
         coverage.append(float(weights.sum() / solid.sum()))
         sampled.append(float(((views.point[0] >= 0) * solid).sum() / solid.sum()))

@@ -14,7 +14,7 @@ from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.image.level import Level
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.refine.aligned_points import look_directions
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import PointPlanes
 from tests.core.built_maps import tensors_of
 from tests.core.image.painted_photos import photo_of
 from tests.core.painted_box import PaintedBox, rotation_of
@@ -22,7 +22,7 @@ from tests.core.painted_box import PaintedBox, rotation_of
 CAMERA = Camera.from_hfov("pinhole", 640, 480, 80.0)
 POSE = Pose(rotation_of(25.0, 5.0, -3.0), np.array([1.6, 2.1, 1.4]))
 ROTATION, POSITION = tensors_of(POSE)
-Scene = tuple[Level, CandidatePoints]
+Scene = tuple[Level, PointPlanes]
 
 
 def level_of(box: PaintedBox, camera: Camera = CAMERA) -> tuple[Level, RigPyramid]:
@@ -41,7 +41,9 @@ def scene(seed: int = 3) -> Scene:
     along = look.directions.double().numpy() @ POSE.rotation.T
     place = torch.tensor(box.points_along(POSE.position, along), dtype=torch.float32)
     seen, inside = level.sample_points(place.T[None], None, ROTATION, POSITION)
-    return level, CandidatePoints(place[None], seen.color.transpose(1, 2).clone(), inside.float(), None, look.patches)
+    return level, PointPlanes.of_triples(
+        place[None], seen.color.transpose(1, 2).clone(), inside.float(), None, look.patches
+    )
 
 
 def painted(directions: torch.Tensor) -> torch.Tensor:

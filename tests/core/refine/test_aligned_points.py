@@ -19,7 +19,7 @@ from panoloc.core.refine.aligned_points import (
     points_seen_from_starts,
     views_from_starts,
 )
-from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import RigView
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, map_of, panorama, rig_of, tensors_of
 from tests.core.found_pose import known
@@ -77,7 +77,7 @@ def test_each_point_is_looked_up_in_the_image_whose_middle_is_nearest_to_it() ->
 
 def from_starts(
     pyramid: RigPyramid, rotations: torch.Tensor, coarse: bool, contrast_share: float, rows: tuple[int, ...] = (1,)
-) -> CandidatePoints:
+) -> PointPlanes:
     """Return what candidates at the starts 5 and 9, of which `rows` names one each, should see."""
     starts, numbers = torch.tensor([5, 9]), torch.tensor(rows)
     look, views = look_directions(pyramid, 300, 5.0, 22.5), views_from_starts(map_of(BOX), starts, HEIGHT)
@@ -94,17 +94,17 @@ def test_points_of_a_start_are_those_of_its_view_in_its_colours_equalized(query:
     seen = found.weights[0] > 0
     assert float(seen.float().mean()) > 0.3  # of a sparse scan, many pixels show no point
     along = look.directions @ rotation[0].T
-    relative = found.positions[0][seen] - start
+    relative = found.positions[0].T[seen] - start
     for here, there in zip(
         project(relative, HEIGHT, 2 * HEIGHT), project(along[seen], HEIGHT, 2 * HEIGHT), strict=True
     ):
         assert torch.equal(here.long(), there.long())
-    assert torch.equal(found.patches, look.patches)
+    assert torch.equal(found.sums.patches, look.patches)
     views = views_from_starts(map_of(BOX), torch.tensor([9]), HEIGHT)
     shown = views.colors[1][:, pixels_towards(along, HEIGHT)]
     expected = equalize(shown, (seen & look.inside).float()[None])
-    torch.testing.assert_close(found.colors[0][seen], expected[0][seen])
-    assert float((found.colors[0] - shown[0])[seen].abs().mean()) > 0.05
+    torch.testing.assert_close(found.colors[0].T[seen], expected[0][seen])
+    assert float((found.colors[0].T - shown[0])[seen].abs().mean()) > 0.05
 
 
 def test_of_half_the_resolution_points_are_the_same_and_colours_coarser_or_nothing_but_contrast() -> None:
@@ -117,7 +117,7 @@ def test_of_half_the_resolution_points_are_the_same_and_colours_coarser_or_nothi
     look = look_directions(PHOTOS, 300, 5.0, 22.5)
     pixel = pixels_towards(look.directions @ rotation[0].T, HEIGHT // 2)
     contrast = known(views.contrast)[0][1, pixel]
-    torch.testing.assert_close(from_starts(PHOTOS, rotation, True, 1.0).colors[0], contrast)
+    torch.testing.assert_close(from_starts(PHOTOS, rotation, True, 1.0).colors[0].T, contrast)
 
 
 def test_each_candidate_has_the_points_of_its_own_start() -> None:
@@ -140,7 +140,7 @@ def test_labels_are_neither_equalized_nor_mixed_with_contrast() -> None:
     at = torch.eye(3)[None], index.starts[2:3]
     found = points_seen_from_starts(pyramid, index.render_cloud, views, torch.tensor([0]), *at, look, False, 0.8)
     pixel = pixels_towards(look.directions, HEIGHT)
-    torch.testing.assert_close(found.colors[0], views.colors[1][0, pixel])
+    torch.testing.assert_close(found.colors[0].T, views.colors[1][0, pixel])
 
 
 # From poses.
@@ -154,10 +154,10 @@ def test_points_of_a_pose_have_the_colours_that_were_compared_mixed_with_contras
     view, look = RigView(pyramid, 8.0), look_directions(pyramid, 300, 0.0, 15.0)
     compared = view.compare(CLOUD, *at, HEIGHT)
     found = points_seen_from_poses(view, CLOUD, compared, *at, look, share)
-    assert torch.equal(found.patches, look.patches)
+    assert torch.equal(found.sums.patches, look.patches)
     seen = found.weights[0] > 0
     assert set(found.weights[0].tolist()) == {0.0, 1.0}
-    towards = torch.nn.functional.normalize(found.positions[0][seen] - positions, dim=-1) @ rotations[0]
+    towards = torch.nn.functional.normalize(found.positions[0].T[seen] - positions, dim=-1) @ rotations[0]
     off = torch.acos((towards * look.directions[seen]).sum(-1).clamp(-1, 1))
     assert float(off.max()) < 2 * math.pi / HEIGHT  # each point lies where the rig looks
     window, views = compared.views.window, compared.views
@@ -169,4 +169,4 @@ def test_points_of_a_pose_have_the_colours_that_were_compared_mixed_with_contras
     for which, known_pixels in ((inside, shown), (~inside, views.valid)):
         contrast = local_contrast(views.color, known_pixels.float(), window).flatten(1, 2)[0, pixel]
         expected = torch.lerp(compared.scan[0, pixel], contrast, share)
-        torch.testing.assert_close(found.colors[0][seen][which], expected[which])
+        torch.testing.assert_close(found.colors[0].T[seen][which], expected[which])

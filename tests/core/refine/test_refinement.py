@@ -9,8 +9,8 @@ import torch
 from panoloc.core.config import RefinementConfig, StepConfig
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector, uniform_rotations
 from panoloc.core.refine.patches import patch_numbers
-from panoloc.core.refine.refinement import CandidatePoints, Refined, refine
-from panoloc.core.refine.step import patch_equations
+from panoloc.core.refine.refinement import Refined, refine
+from panoloc.core.refine.step import PointPlanes, patch_equations
 from panoloc.core.search.pose_limits import PoseLimits
 from tests.core.refine import painted_scene
 from tests.core.refine.painted_scene import at_distances, level_of_sphere, painted, painted_sphere
@@ -21,7 +21,7 @@ ROTATION, POSITION = uniform_rotations(11)[4], torch.tensor([0.5, -1.0, 1.2])
 PATCHES, ORDER = patch_numbers(even_directions(3000), 22.5).sort(stable=True)
 IMAGE, DIRECTIONS = painted_sphere(HEIGHT), even_directions(3000)[ORDER]
 # What the image shows, without errors of parallax.
-POINTS = CandidatePoints(
+POINTS = PointPlanes.of_triples(
     (POSITION + at_distances(DIRECTIONS) @ ROTATION.T)[None],
     painted(DIRECTIONS)[None],
     torch.ones((1, 3000)),
@@ -33,7 +33,7 @@ BESIDE = POSITION + torch.tensor([0.15, -0.15, 0.1])
 
 def off_by(
     image: torch.Tensor = IMAGE,
-    points: CandidatePoints = POINTS,
+    points: PointPlanes = POINTS,
     valid: torch.Tensor | None = None,
     rules: StepConfig = STEP,
 ) -> tuple[float, float]:
@@ -52,7 +52,7 @@ def test_refinement_does_not_mind_gain_and_offset() -> None:
 
 def test_points_that_changed_here_and_there_lose_their_vote() -> None:
     changed = POINTS.colors.clone()
-    changed[:, ::3] = torch.rand((1000, 3), generator=torch.Generator().manual_seed(3))
+    changed[..., ::3] = torch.rand((1000, 3), generator=torch.Generator().manual_seed(3)).T
     some = replace(POINTS, colors=changed)
     metres, degrees = off_by(points=some, rules=replace(STEP, robust_scale=2.0))
     assert metres < 0.03
@@ -119,7 +119,7 @@ def test_a_limit_that_is_not_reached_changes_nothing() -> None:
 
 def test_the_rest_of_the_pose_follows_a_tilt_that_is_held() -> None:
     def loss(rotation: torch.Tensor, position: torch.Tensor) -> float:
-        return float(patch_equations(LEVEL, SEEN.planes(), rotation[None], position[None], STEP).loss[0])
+        return float(patch_equations(LEVEL, SEEN, rotation[None], position[None], STEP).loss[0])
 
     free, held = refined(), refined(3.0)
     turned_back = within(3.0).nearest_rotations(free.rotations)

@@ -15,8 +15,8 @@ from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.image.level import Level
 from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.patches import PatchSums
-from panoloc.core.refine.refinement import CandidatePoints, Refined, refine
-from panoloc.core.refine.step import PoseStep, patch_equations, pose_steps
+from panoloc.core.refine.refinement import Refined, refine
+from panoloc.core.refine.step import PointPlanes, PoseStep, patch_equations, pose_steps
 from tests.core.other_device import DEVICE, OtherDevice
 from tests.core.painted_box import PaintedBox
 from tests.core.refine.painted_scene import CAMERA, POSITION, ROTATION, level_of, scene
@@ -24,7 +24,7 @@ from tests.core.refine.painted_scene import CAMERA, POSITION, ROTATION, level_of
 PLAIN = replace(RefinementConfig().step, lengthening=1.0)
 CPU = torch.device("cpu")
 LEVEL, POINTS = scene()
-PATCHES = POINTS.patches
+PATCHES = POINTS.sums.patches
 RULES = replace(PLAIN, robust_scale=2.0)
 NEAR = ((0.01, -0.02, 0.015), (0.04, 0.03, -0.02))
 FREE = (-1.0, 1.0)  # bounds of the logarithm of the focal length
@@ -36,10 +36,10 @@ def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) ->
 
 def step_at(
     pose: tuple[Tensor, Tensor],
-    points: CandidatePoints = POINTS,
+    points: PointPlanes = POINTS,
     rules: StepConfig = PLAIN,
 ) -> PoseStep:
-    return pose_steps(LEVEL, points.planes(), *pose, None, rules)
+    return pose_steps(LEVEL, points, *pose, None, rules)
 
 
 def level_as(factor: float) -> Level:
@@ -61,12 +61,12 @@ def test_at_the_true_pose_nothing_is_left_to_explain() -> None:
 @pytest.mark.parametrize("unknown", range(7))
 def test_the_gradient_is_that_of_the_contrast_that_is_not_explained(unknown: int) -> None:
     pose, focal = moved(*NEAR), torch.tensor([0.03])
-    found = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN, focal, with_focal=True)
+    found = patch_equations(LEVEL, POINTS, *pose, PLAIN, focal, with_focal=True)
     small = torch.zeros(7).index_fill(0, torch.tensor([unknown]), 0.001)
 
     def loss_at(change: Tensor) -> float:
         there = pose[0] @ rotation_from_vector(change[:3]), pose[1] + pose[0][0] @ change[3:6]
-        return float(patch_equations(LEVEL, POINTS.planes(), *there, PLAIN, focal + change[6]).loss)
+        return float(patch_equations(LEVEL, POINTS, *there, PLAIN, focal + change[6]).loss)
 
     rise = (loss_at(small) - loss_at(-small)) / 0.002
     # Derivatives of a picture are over two of its pixels, which makes them smaller where it is sharp.
@@ -77,9 +77,9 @@ def test_the_gradient_is_that_of_the_contrast_that_is_not_explained(unknown: int
 @pytest.mark.parametrize("unknowns", [6, 7])
 def test_equations_are_those_in_which_each_patch_has_offsets_and_a_gain_as_further_unknowns(unknowns: int) -> None:
     pose, focal = moved(*NEAR), torch.tensor([0.02])
-    found = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN, focal, with_focal=unknowns == 7)
-    seen, inside = LEVEL.sample_points(POINTS.planes().positions, None, *pose, focal)
-    weights, colors = (POINTS.weights * inside)[0].double().numpy(), POINTS.colors[0].T.double().numpy()
+    found = patch_equations(LEVEL, POINTS, *pose, PLAIN, focal, with_focal=unknowns == 7)
+    seen, inside = LEVEL.sample_points(POINTS.positions, None, *pose, focal)
+    weights, colors = (POINTS.weights * inside)[0].double().numpy(), POINTS.colors[0].double().numpy()
     by_pose = torch.einsum("cdn,udn->ucn", seen.derivatives[0].double(), seen.directions[0, :unknowns].double()).numpy()
     hessian, gradient, loss = np.zeros((unknowns, unknowns)), np.zeros(unknowns), 0.0
     for patch in range(int(PATCHES.max()) + 1):
@@ -112,8 +112,10 @@ def test_points_that_fit_less_lose_their_vote_by_the_square_of_how_much() -> Non
     residual = 0.2 * torch.rand(POINTS.weights.shape, generator=rng)
     # Before a wall of one colour nothing of what was scanned is explained.
     plain = replace(LEVEL, colors=torch.cat((torch.full_like(LEVEL.colors[:3], 0.5), LEVEL.colors[3:])))
-    one = replace(POINTS, colors=residual[..., None].expand(-1, -1, 3), patches=torch.zeros_like(PATCHES))
-    found = patch_equations(plain, one.planes(), ROTATION, POSITION, RULES)
+    one = replace(
+        POINTS, colors=residual[:, None].expand(-1, 3, -1).contiguous(), sums=PatchSums(torch.zeros_like(PATCHES))
+    )
+    found = patch_equations(plain, one, ROTATION, POSITION, RULES)
     inside = POINTS.weights[0].numpy() > 0
     left = residual[0].double().numpy()[inside]
     square = 3 * (left - left.mean()) ** 2
@@ -129,7 +131,7 @@ def test_points_that_fit_less_lose_their_vote_by_the_square_of_how_much() -> Non
 def test_a_step_solves_the_damped_equations_and_moves_in_the_rigs_frame() -> None:
     rotation, position = pose = moved(*NEAR)
     step = step_at(pose)
-    equations = patch_equations(LEVEL, POINTS.planes(), *pose, PLAIN)
+    equations = patch_equations(LEVEL, POINTS, *pose, PLAIN)
     hessian, gradient = equations.hessian[0].double(), equations.gradient[0].double()
     expected = -torch.linalg.solve(hessian + torch.diag(PLAIN.damping * hessian.diagonal()), gradient)
     torch.testing.assert_close(step.step[0].double(), expected, rtol=1e-3, atol=1e-5)
@@ -147,7 +149,7 @@ def test_a_step_that_goes_too_far_is_shortened_as_a_whole(
 
     def bounded(most_m: float) -> Tensor:
         rules = replace(PLAIN, max_step_m=most_m)
-        return pose_steps(level, POINTS.planes(), *pose, torch.zeros(1), rules, bounds).step[0]
+        return pose_steps(level, POINTS, *pose, torch.zeros(1), rules, bounds).step[0]
 
     free = bounded(99.0)
     # In metres: a turn moves what is seen as far as one and a half times a move, a focal length as far as two.
@@ -169,7 +171,7 @@ def test_each_patch_may_have_a_light_of_its_own() -> None:
     rng = torch.Generator().manual_seed(5)
     count = int(PATCHES.max()) + 1
     gain, offset = 0.5 + torch.rand(count, 1, generator=rng), torch.rand(count, 3, generator=rng) - 0.5
-    lit = replace(POINTS, colors=POINTS.colors * gain[PATCHES] + offset[PATCHES])
+    lit = replace(POINTS, colors=POINTS.colors * gain[PATCHES].T + offset[PATCHES].T)
     begun = moved((0.02, -0.03, 0.02), (0.1, 0.05, -0.05))
     found = refine(LEVEL, lit, *begun, 20, RULES)
     assert off_by((found.rotations, found.positions)) < 0.01
@@ -181,11 +183,11 @@ def test_what_moved_in_most_of_a_photo_drags_a_photo_of_one_light_along_but_not_
     count = int(PATCHES.max()) + 1
     away = torch.randn(count, 3, generator=rng) * 0.4 * (torch.arange(count) % 3 > 0)[:, None]
     gain = 0.4 + torch.rand(count, 1, generator=rng)
-    colors = POINTS.colors * gain[PATCHES]
-    changed = replace(POINTS, positions=POINTS.positions + away[PATCHES], colors=colors)
+    colors = POINTS.colors * gain[PATCHES].T
+    changed = replace(POINTS, positions=POINTS.positions + away[PATCHES].T, colors=colors)
     begun = moved((0.01, -0.02, 0.01), (0.06, 0.04, -0.03))
     by_patches = refine(LEVEL, changed, *begun, 20, RULES)
-    as_a_whole = refine(LEVEL, replace(changed, patches=torch.zeros_like(PATCHES)), *begun, 20, RULES)
+    as_a_whole = refine(LEVEL, replace(changed, sums=PatchSums(torch.zeros_like(PATCHES))), *begun, 20, RULES)
     assert off_by((by_patches.rotations, by_patches.positions)) < 0.03
     assert off_by((as_a_whole.rotations, as_a_whole.positions)) > 0.06
 
@@ -203,7 +205,7 @@ def test_without_points_in_view_a_pose_stays_where_it_is() -> None:
 def with_focal(
     factor: float,
     bounds: tuple[float, float] | None,
-    points: CandidatePoints = POINTS,
+    points: PointPlanes = POINTS,
     iterations: int = 20,
     log_focal: float = 0.0,
 ) -> Refined:
@@ -221,7 +223,7 @@ def test_a_wrong_focal_length_is_mended_with_the_pose_that_it_led_to(factor: flo
 
 
 def test_it_is_mended_although_most_of_the_room_has_changed_and_less_is_known_of_it_then() -> None:
-    is_changed = (PATCHES % 5 > 1)[None, :, None]
+    is_changed = PATCHES % 5 > 1
     changed = replace(POINTS, colors=torch.where(is_changed, scene(seed=8)[1].colors, POINTS.colors))
     found = with_focal(1.15, FREE, changed)
     assert float(found.log_focals.exp()) == pytest.approx(1.15, rel=0.03)
@@ -238,7 +240,7 @@ def test_of_a_plain_wall_nothing_is_known() -> None:
 def test_the_information_is_the_curvature_of_the_loss_where_the_pose_follows() -> None:
     focal = torch.zeros(1)
     found = refine(LEVEL, POINTS, ROTATION, POSITION, 1, PLAIN, log_focals=focal, focal_bounds=FREE)
-    equations = patch_equations(LEVEL, POINTS.planes(), ROTATION, POSITION, PLAIN, focal, with_focal=True)
+    equations = patch_equations(LEVEL, POINTS, ROTATION, POSITION, PLAIN, focal, with_focal=True)
     # The variance that is left of the last unknown where all are free.
     variance = np.linalg.inv(equations.hessian[0].double().numpy())[6, 6]
     assert float(found.information) == pytest.approx(1 / (variance * float(equations.mass)), rel=0.02)
@@ -272,7 +274,7 @@ def test_a_focal_length_that_is_known_stays_and_is_that_of_the_pose() -> None:
 COLORS_ELSEWHERE = scene(seed=8)[1].colors
 
 
-def apart(points: CandidatePoints, level: Level = LEVEL, log_focals: Tensor | None = None) -> tuple[float, float]:
+def apart(points: PointPlanes, level: Level = LEVEL, log_focals: Tensor | None = None) -> tuple[float, float]:
     """Return metres and degrees."""
     rules = RefinementConfig()
     some, square_deg = points.thinned(rules.halves_every), DescriptorConfig().patch_deg
@@ -297,7 +299,7 @@ def test_they_part_where_another_place_was_scanned() -> None:
 
 
 def test_they_meet_although_a_third_has_changed() -> None:
-    is_changed = (PATCHES % 3 == 0)[None, :, None]
+    is_changed = PATCHES % 3 == 0
     distance, angle = apart(replace(POINTS, colors=torch.where(is_changed, COLORS_ELSEWHERE, POINTS.colors)))
     assert distance < 0.03
     assert angle < 1.0

@@ -9,8 +9,8 @@ import torch
 from panoloc.core.config import DISTANCES, RefinementConfig, StoppingRule
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
 from panoloc.core.refine.patches import patch_numbers
-from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
-from panoloc.core.refine.step import PoseStep, pose_steps
+from panoloc.core.refine.refinement import Refined, joined, refine
+from panoloc.core.refine.step import PointPlanes, PoseStep, pose_steps
 from tests.core.found_pose import known
 from tests.core.refine.painted_scene import level_of_sphere, painted, painted_sphere
 
@@ -27,14 +27,14 @@ FOCALS, BOUNDS = torch.tensor([0.02, -0.03, 0.01, 0.0]), (-0.05, 0.05)  # logari
 LEVEL = level_of_sphere(painted_sphere(HEIGHT))
 
 
-def candidates() -> tuple[CandidatePoints, torch.Tensor, torch.Tensor]:
+def candidates() -> tuple[PointPlanes, torch.Tensor, torch.Tensor]:
     """Return points of four candidates, each with points of its own, and the poses that they begin with."""
     parts = []
     for k in range(4):
         distance = 1 + 2 * torch.rand((COUNT, 1), generator=torch.Generator().manual_seed(k))
         weights = torch.rand((1, COUNT), generator=torch.Generator().manual_seed(k + 9)) + 0.5
         colors = painted(DIRECTIONS)[None]
-        parts.append(CandidatePoints((distance * DIRECTIONS)[None], colors, weights, None, PATCHES))
+        parts.append(PointPlanes.of_triples((distance * DIRECTIONS)[None], colors, weights, None, PATCHES))
     return joined(parts), rotation_from_vector(TURNS), MOVES
 
 
@@ -44,7 +44,7 @@ class Alone:
     def __init__(self, number: int, bounds: tuple[float, float] | None) -> None:
         points, rotations, positions = candidates()
         one = slice(number, number + 1)
-        self.number, self.points = number, points.take(torch.tensor([number])).planes()
+        self.number, self.points = number, points.take(torch.tensor([number]))
         self.rotation, self.position = rotations[one], positions[one]
         self.bounds, self.focal = bounds, None if bounds is None else FOCALS[one]
         self.num_steps = 0
