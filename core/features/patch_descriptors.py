@@ -20,8 +20,9 @@ from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.kernels.library import call, has_kernels_for
 
 _BLOCK = 128  # columns of a symmetric product that are computed at a time
-# Roots of exact zeros take eight times as long on a CPU, and most bins are empty; its root is below what single precision keeps.
-_LEAST = 1e-30
+# Roots of exact zeros take eight times as long on a CPU, and most bins are empty. This one's root is below what single precision keeps of
+# others. Centred, rounding alone is left of it, and products of that must not be denormal, which take twenty times as long.
+_LEAST = 1e-20
 _ORDER = 1e-12  # of the largest spread, over all bins: far below what single precision keeps
 
 
