@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from hashlib import sha256
-from math import exp
+from math import exp, log
 from typing import Literal
 
 import numpy as np
@@ -71,11 +71,10 @@ def find_changes(cloud: PointCloud, photos: Sequence[DatedPhoto]) -> list[Change
     return sorted(found, key=lambda each: -each.certainty)
 
 
-def certainty_of(likelihood: float, num_photos: int, num_voxels: int) -> float:
-    """Return how probable it is that an object changed: more of it, seen by more photos, with more contrast, is surer."""
-    base, of_likelihood, of_photos, of_voxels = CHANGES.certainty
-    odds = base + of_likelihood * likelihood + of_photos * min(num_photos, 4) + of_voxels * np.log(num_voxels)
-    return 1 / (1 + exp(-odds))
+def certainty_of(likelihood: float) -> float:
+    """Return how probable it is that an object changed, of the network's likelihood."""
+    base, of_odds = CHANGES.certainty
+    return 1 / (1 + exp(-base - of_odds * log(likelihood / (1 - likelihood))))
 
 
 def _in_cloud(map_from_camera: Pose, cloud: PointCloud) -> Pose:
@@ -103,13 +102,13 @@ _Witnessed = tuple[PlacedObject, tuple[int, ...]]
 
 def _alone(witnessed: _Witnessed, kind: Kind, offset: NDArray[np.float64]) -> Change:
     placed, photos = witnessed
-    certainty = certainty_of(placed.likelihood, len(photos), len(placed.voxels))
+    certainty = certainty_of(placed.likelihood)
     return Change(_id_of(kind, placed), kind, placed.center + offset, placed.size, None, certainty, photos)
 
 
 def _moved(went: _Witnessed, came: _Witnessed, offset: NDArray[np.float64]) -> Change:
     """Return both as one, no surer than the less sure of them."""
-    certainty = min(certainty_of(each.likelihood, len(photos), len(each.voxels)) for each, photos in (went, came))
+    certainty = min(certainty_of(each.likelihood) for each, _ in (went, came))
     photos = tuple(dict.fromkeys((*came[1], *went[1])))
     now, before = came[0], went[0].center + offset
     return Change(_id_of("moved", now), "moved", now.center + offset, now.size, before, certainty, photos)
