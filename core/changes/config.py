@@ -21,7 +21,7 @@ class ObjectChangesConfig:
     reach_m: float = 8.0  # from a camera, beyond which objects of 0.3 m are a few pixels
     most_photos: int = 8  # that have their say on a tile
     least_changed: float = 0.3  # of what all photos agree on, somewhere in a tile; else nothing in it changed
-    likely: float = 0.2  # that a middle is near a cell, from which on there is an object
+    likely: float = 0.25  # that a middle is near a cell, from which on there is an object
     likely_voxel: float = 0.4  # of a voxel, from which on it belongs to an object
     least_apart_m: float = (
         0.3  # of two objects that did the same; and the most of the smaller one's box that they share
@@ -37,7 +37,8 @@ class ObjectChangesConfig:
     seen_changed: float = 0.15
     # Log odds that what is found did change: a constant, and a weight of the network's log odds. Logistic regression on development seeds.
     certainty: tuple[float, float] = (0.7, 2.6)
-    sure: float = 0.65  # certainty from which on a change is stated; below, it is unsure (docs/evaluation.md)
+    most_likely: float = 0.8  # beyond which no difference was measured
+    sure: float = 0.4  # certainty from which on a change is stated; below, it is unsure (docs/evaluation.md)
 
 
 CHANGES = ObjectChangesConfig()

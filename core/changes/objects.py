@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import exp, log
 
 import numpy as np
 import torch
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 class PlacedObject:
     """Something that came to a place, or went from it.
 
-    is_new: it came. low, high: (3,) corners of its box, metres. voxels: (M, 3) centres. likelihood: of its peak, 0..1, not calibrated.
+    is_new: it came. low, high: (3,) corners of its box, metres. voxels: (M, 3) centres. certainty: 0..1, how probable it is that it did so.
     color: (3,) its mean colour, 0..1, in the light of the scan.
     """
 
@@ -27,7 +28,7 @@ class PlacedObject:
     low: Array
     high: Array
     voxels: Array
-    likelihood: float
+    certainty: float
     color: Array
 
     @property
@@ -65,14 +66,23 @@ def placed_objects(
         if not bool(mine.any()):
             mine = apart == apart.min()
         low, high, own = (each.double().numpy() for each in (middle - half, middle + half, voxels[mine]))
-        found.append(PlacedObject(is_new, low, high, own, float(near[tuple(at)]), color[:, mine].mean(1).numpy()))
+        found.append(
+            PlacedObject(is_new, low, high, own, certainty_of(float(near[tuple(at)])), color[:, mine].mean(1).numpy())
+        )
     return found
 
 
+def certainty_of(likelihood: float) -> float:
+    """Return how probable it is that something changed where the network says so with a likelihood, 0..1."""
+    base, of_odds = CHANGES.certainty
+    likelihood = min(likelihood, CHANGES.most_likely)
+    return 1 / (1 + exp(-base - of_odds * log(likelihood / (1 - likelihood))))
+
+
 def without_repeats(placed: Sequence[PlacedObject]) -> list[PlacedObject]:
-    """Return objects without those that have most of their box in common with a likelier one that did the same."""
+    """Return objects without those that have most of their box in common with a surer one that did the same."""
     kept: list[PlacedObject] = []
-    for each in sorted(placed, key=lambda one: -one.likelihood):
+    for each in sorted(placed, key=lambda one: -one.certainty):
         if all(each.is_new != other.is_new or not _repeats(each, other) for other in kept):
             kept.append(each)
     return kept
@@ -85,7 +95,9 @@ def pair_up(went: Sequence[PlacedObject], came: Sequence[PlacedObject]) -> list[
     for cost, i, j in costs:
         # What stands where something like it stood was exchanged, or is there still.
         is_elsewhere = np.linalg.norm(went[i].center - came[j].center) > CHANGES.least_side_m
-        if cost < 1 and is_elsewhere and all(i != a and j != b for a, b in pairs):
+        # What is sure is stated, whatever unsure thing it may be alike.
+        is_sure, is_too = (each.certainty >= CHANGES.sure for each in (went[i], came[j]))
+        if cost < 1 and is_elsewhere and is_sure == is_too and all(i != a and j != b for a, b in pairs):
             pairs.append((i, j))
     return pairs
 

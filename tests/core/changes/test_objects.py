@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.changes.finding import certainty_of
 from panoloc.core.changes.network import CELL, OUTPUTS
-from panoloc.core.changes.objects import PlacedObject, pair_up, placed_objects, without_repeats
+from panoloc.core.changes.objects import PlacedObject, certainty_of, pair_up, placed_objects, without_repeats
 from panoloc.core.changes.voxels import NUM_FEATURES, VoxelGrid
 
 GRID = VoxelGrid(np.zeros(3), (24, 24, 16), 0.1)
@@ -33,10 +32,10 @@ def thing(
     size: tuple[float, float, float],
     color: float = 0.5,
     is_new: bool = True,
-    likelihood: float = 0.9,
+    certainty: float = 0.9,
 ) -> PlacedObject:
     middle, half = np.array(center), np.array(size) / 2
-    return PlacedObject(is_new, middle - half, middle + half, middle[None], likelihood, np.full(3, color))
+    return PlacedObject(is_new, middle - half, middle + half, middle[None], certainty, np.full(3, color))
 
 
 def test_two_cupboards_that_touch_are_two_objects() -> None:
@@ -56,8 +55,8 @@ def test_each_of_two_tiles_has_the_objects_whose_middle_it_holds() -> None:
 
 
 def test_a_thing_that_is_found_twice_is_listed_once_and_what_stood_in_its_place_as_well() -> None:
-    rug, again = thing((0, 0, 0), (2.4, 1.6, 0.1)), thing((0.4, 0, 0), (1.2, 1.6, 0.1), likelihood=0.5)
-    former = thing((0, 0, 0), (2.4, 1.6, 0.1), is_new=False, likelihood=0.4)
+    rug, again = thing((0, 0, 0), (2.4, 1.6, 0.1)), thing((0.4, 0, 0), (1.2, 1.6, 0.1), certainty=0.5)
+    former = thing((0, 0, 0), (2.4, 1.6, 0.1), is_new=False, certainty=0.4)
     assert without_repeats([again, rug, former]) == [rug, former]
 
 
@@ -67,7 +66,13 @@ def test_what_went_and_came_moved_where_size_and_colour_agree_even_turned() -> N
     assert pair_up(went, came) == [(0, 0)]
 
 
+def test_what_surely_went_is_not_paired_with_what_perhaps_came() -> None:
+    went = [thing((0, 0, 0.4), (1.6, 0.8, 0.8), is_new=False)]
+    assert pair_up(went, [thing((3, 3, 0.4), (1.6, 0.8, 0.8))]) == [(0, 0)]
+    assert pair_up(went, [thing((3, 3, 0.4), (1.6, 0.8, 0.8), certainty=0.2)]) == []
+
+
 def test_stronger_evidence_makes_surer() -> None:
-    found = [certainty_of(likelihood) for likelihood in (0.2, 0.5, 0.8)]
-    assert found == sorted(set(found))
+    found = [certainty_of(likelihood) for likelihood in (0.3, 0.5, 0.8, 1.0)]
+    assert found[:3] == sorted(set(found[:3]))
     assert 0 < found[0] < found[-1] < 1
