@@ -21,25 +21,24 @@ class ObjectChangesConfig:
     reach_m: float = 8.0  # from a camera, beyond which objects of 0.3 m are a few pixels
     most_photos: int = 8  # that have their say on a tile
     least_changed: float = 0.3  # of what all photos agree on, somewhere in a tile; else nothing in it changed
-    likely: float = 0.4  # of a voxel, from which on it belongs to an object
-    least_voxels: float = 5.0  # of an object
-    vote_m: float = (
-        0.05  # votes are counted in cubes of this side; each counts around with this deviation, and climbs so far
+    likely: float = 0.25  # that a middle is near a cell, from which on there is an object
+    likely_voxel: float = 0.4  # of a voxel, from which on it belongs to an object
+    least_apart_m: float = (
+        0.3  # of two objects that did the same; and the most of the smaller one's box that they share
     )
-    vote_blur_m: float = 0.1
-    vote_reach_m: float = 0.3
+    most_shared: float = 0.6
     size_apart: float = (
         0.35  # what went and came moved where mean logarithms of sides and colours differ less than these
     )
     color_apart: float = 0.2
     least_side_m: float = 0.3  # the largest of an object; smaller ones are rather noise
     # Of an object's voxels that a photo shows, and how changed they look on average, for it to have seen the change.
-    seen_share: float = 0.25
-    seen_changed: float = 0.35
-    # Log odds that what is found did change: a constant, and weights of mean likelihood, of photos that saw it (up to four) and of the
-    # logarithm of voxels. Logistic regression on development seeds.
-    certainty: tuple[float, float, float, float] = (-2.3, 3.4, 0.08, 0.11)
-    sure: float = 0.65  # certainty from which on a change is stated; below, it is unsure (docs/evaluation.md)
+    seen_share: float = 0.1
+    seen_changed: float = 0.15
+    # Log odds that what is found did change: a constant, and a weight of the network's log odds. Logistic regression on development seeds.
+    certainty: tuple[float, float] = (0.7, 2.6)
+    most_likely: float = 0.8  # beyond which no difference was measured
+    sure: float = 0.4  # certainty from which on a change is stated; below, it is unsure (docs/evaluation.md)
 
 
 CHANGES = ObjectChangesConfig()

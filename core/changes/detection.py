@@ -1,7 +1,7 @@
 """What came and what went: the order of the steps is written here.
 
 Each photo is compared with the scan from its pose; space becomes voxels that the photos around have their say on; a small network tells
-which of them came or went; voxels that vote for the same middle are one object.
+where the middles of things are that came or went.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,46 +12,24 @@ from numpy.typing import NDArray
 
 from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.evidence import PhotoEvidence
-from panoloc.core.changes.network import VoxelNetwork
-from panoloc.core.changes.objects import LikelyVoxels, PlacedObject, placed_objects
-from panoloc.core.changes.voxels import COLOR_FEATURES, LEAST_CHANGED, VoxelGrid, voxel_features
+from panoloc.core.changes.network import MULTIPLE, VoxelNetwork
+from panoloc.core.changes.objects import PlacedObject, placed_objects, without_repeats
+from panoloc.core.changes.voxels import LEAST_CHANGED, VoxelGrid, voxel_features
 
 
 def find_placed_objects(
     network: VoxelNetwork, points: NDArray[np.float32], colors: NDArray[np.float32], seen: Sequence[PhotoEvidence]
 ) -> list[PlacedObject]:
     """Return what came and what went. points, colors: (N, 3) of the scan, colours 0..1. seen: what photos say, in any order."""
-    found = [
-        tile for grid, inner in _tiles(points, seen) for tile in _in_tile(network, grid, inner, points, colors, seen)
-    ]
-    return [each for is_new in (False, True) for each in placed_objects([v for v in found if v.is_new == is_new])]
-
-
-def _in_tile(
-    network: VoxelNetwork,
-    grid: VoxelGrid,
-    inner: tuple[slice, ...],
-    points: NDArray[np.float32],
-    colors: NDArray[np.float32],
-    seen: Sequence[PhotoEvidence],
-) -> list[LikelyVoxels]:
-    """Return the voxels of a tile that came, and that went."""
-    features = voxel_features(grid, points, colors, _nearest(grid, seen))
-    if not bool((features[LEAST_CHANGED] > CHANGES.least_changed).any()):
-        return []
-    with torch.inference_mode():
-        said = network(features[None])[0].numpy()
-    scan, photo = (features[COLOR_FEATURES][k : k + 3].numpy() + 0.5 for k in (0, 3))
-    centers = grid.centers().double().numpy().reshape(*grid.shape, 3)
-    likely = 1 / (1 + np.exp(-said[:, 0]))
-    found = []
-    for row, color in ((0, scan), (1, photo)):
-        inside = np.zeros(grid.shape, np.bool_)
-        inside[inner] = likely[row][inner] > CHANGES.likely
-        at = (slice(None), inside)
-        middles = centers[inside] + said[row, 1:][at].T
-        found.append(LikelyVoxels(row == 1, centers[inside], middles, likely[row][inside], color[at].T))
-    return found
+    found: list[PlacedObject] = []
+    for grid, inner in _tiles(points, seen):
+        features = voxel_features(grid, points, colors, _nearest(grid, seen))
+        if bool((features[LEAST_CHANGED] > CHANGES.least_changed).any()):
+            with torch.inference_mode():
+                said = network(features[None])[0]
+            for row in (0, 1):
+                found += placed_objects(said[row], features, grid, inner, is_new=row == 1)
+    return without_repeats(found)
 
 
 def _nearest(grid: VoxelGrid, seen: Sequence[PhotoEvidence]) -> list[PhotoEvidence]:
@@ -71,7 +49,7 @@ def _tiles(points: NDArray[np.float32], seen: Sequence[PhotoEvidence]) -> Iterat
     starts = [range(0, count, size) for count in shape]
     for corner in np.array(np.meshgrid(*starts, indexing="ij")).reshape(3, -1).T:
         first, last = np.maximum(corner - margin, 0), np.minimum(corner + size + margin, shape)
-        padded = np.ceil((last - first) / 4).astype(int) * 4  # as the network halves twice
+        padded = np.ceil((last - first) / MULTIPLE).astype(int) * MULTIPLE
         grid = VoxelGrid(low + first * side, (int(padded[0]), int(padded[1]), int(padded[2])), side)
         inner = tuple(
             slice(int(a), int(b)) for a, b in zip(corner - first, np.minimum(corner + size, shape) - first, strict=True)

@@ -25,7 +25,8 @@ class PhotoEvidence:
 
     center: (3,) metres in the axes of the cloud. changed: (H, 2H), 0 as scanned to 1 changed; 0 where `known` is not. known: both sides
     show something. color: (H, 2H, 3) of the photo as it would look in the light of the scan, 0..1. depth: (H, 2H) metres of the scan, inf
-    for nothing. shown: (H, 2H), the photo shows something.
+    for nothing. shown: (H, 2H), the photo shows something. edges: (2, H, 2H), how much colours vary around a pixel of the scan and of the
+    photo, 0..1: a picture that came has edges in the photo alone.
     """
 
     center: Tensor
@@ -34,6 +35,7 @@ class PhotoEvidence:
     color: Tensor
     depth: Tensor
     shown: Tensor
+    edges: Tensor
 
 
 def photo_evidence(cloud: RenderCloud, panorama: Panorama, cloud_from_camera: Pose) -> PhotoEvidence:
@@ -50,7 +52,8 @@ def photo_evidence(cloud: RenderCloud, panorama: Panorama, cloud_from_camera: Po
     changed = apart.square() / (1 + apart.square())
     changed = _around(torch.where(known, changed, 0.0))
     color = (fitted.exp() - CHANGES.dark).clamp(0, 1).permute(1, 2, 0)
-    return PhotoEvidence(center, changed * known, known, color, _without_gaps(views.depth[0]), shown)
+    edges = torch.stack((_edges(scan), _edges(fitted))) * known
+    return PhotoEvidence(center, changed * known, known, color, _without_gaps(views.depth[0]), shown, edges)
 
 
 def color_distance(difference: Tensor) -> Tensor:
@@ -119,3 +122,9 @@ def _nearest(moving: Tensor, fixed: Tensor) -> Tensor:
 def _around(image: Tensor) -> Tensor:
     """Return the mean (H, W) over 3 x 3 pixels."""
     return torch.nn.functional.avg_pool2d(wrap_border(image[None])[None], 3, 1)[0, 0]
+
+
+def _edges(logarithms: Tensor) -> Tensor:
+    """Return the standard deviation (H, W) of logarithms of colours (3, H, W) over 3 x 3 pixels, at most 1."""
+    variance = torch.stack([_around(plane.square()) - _around(plane).square() for plane in logarithms]).mean(0)
+    return variance.clamp(0, 1).sqrt()

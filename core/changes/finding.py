@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from hashlib import sha256
-from math import exp
 from typing import Literal
 
 import numpy as np
@@ -71,13 +70,6 @@ def find_changes(cloud: PointCloud, photos: Sequence[DatedPhoto]) -> list[Change
     return sorted(found, key=lambda each: -each.certainty)
 
 
-def certainty_of(likelihood: float, num_photos: int, num_voxels: int) -> float:
-    """Return how probable it is that an object changed: more of it, seen by more photos, with more contrast, is surer."""
-    base, of_likelihood, of_photos, of_voxels = CHANGES.certainty
-    odds = base + of_likelihood * likelihood + of_photos * min(num_photos, 4) + of_voxels * np.log(num_voxels)
-    return 1 / (1 + exp(-odds))
-
-
 def _in_cloud(map_from_camera: Pose, cloud: PointCloud) -> Pose:
     return Pose(map_from_camera.rotation, map_from_camera.position - cloud.origin_offset)
 
@@ -103,13 +95,12 @@ _Witnessed = tuple[PlacedObject, tuple[int, ...]]
 
 def _alone(witnessed: _Witnessed, kind: Kind, offset: NDArray[np.float64]) -> Change:
     placed, photos = witnessed
-    certainty = certainty_of(placed.likelihood, len(photos), len(placed.voxels))
-    return Change(_id_of(kind, placed), kind, placed.center + offset, placed.size, None, certainty, photos)
+    return Change(_id_of(kind, placed), kind, placed.center + offset, placed.size, None, placed.certainty, photos)
 
 
 def _moved(went: _Witnessed, came: _Witnessed, offset: NDArray[np.float64]) -> Change:
     """Return both as one, no surer than the less sure of them."""
-    certainty = min(certainty_of(each.likelihood, len(photos), len(each.voxels)) for each, photos in (went, came))
+    certainty = min(went[0].certainty, came[0].certainty)
     photos = tuple(dict.fromkeys((*came[1], *went[1])))
     now, before = came[0], went[0].center + offset
     return Change(_id_of("moved", now), "moved", now.center + offset, now.size, before, certainty, photos)

@@ -1,10 +1,11 @@
-"""A small network over voxels: which of them belong to something that came or went, and where its middle is.
+"""A small network over voxels: where the middles of things are that came or went, how large these are, and which voxels belong to them.
 
 It looks at no picture, but at what `panoloc.core.changes.voxels` says of each voxel: it learns which changed rays meet in an object and
 which in nothing, and where one object ends and the next begins. `python -m panoloc.lab.evaluation.fit_changes` fits it on procedural
 rooms.
 """
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,32 +15,37 @@ from torch import Tensor, nn
 from panoloc.core.changes.voxels import NUM_FEATURES
 
 WEIGHTS = Path(__file__).with_name("weights.npz")
-_WIDTHS = 12, 24, 40
-_OUTPUTS = 8  # of what went and of what came: a logit, and the way to the middle in metres along x, y and z
+CELL = 2  # voxels along each side of a cell that the network says something of
+MULTIPLE = 8  # of which the voxels along each side of what it sees are one
+OUTPUTS = 8
+"""Of a cell, for what went and for what came: logits that the middle of one is near, and that it belongs to one; the way to the middle,
+metres; logarithms of the sides of its box, metres."""
+_WIDTHS = 16, 32, 48, 48
 
 
 class VoxelNetwork(nn.Module):
-    """Three scales of voxels, each half as fine as the one before."""
+    """Four scales of voxels, each half as fine as the one before; the finest is only looked at."""
 
     def __init__(self) -> None:
         super().__init__()
-        fine, middle, coarse = _WIDTHS
-        self.fine = _convolutions(NUM_FEATURES, fine)
-        self.middle = _convolutions(fine, middle)
-        self.coarse = _convolutions(middle, coarse)
+        finest, fine, middle, coarse = _WIDTHS
+        self.finest = _convolutions(NUM_FEATURES, finest)
+        self.fine = _convolutions(finest, fine, fine)
+        self.middle = _convolutions(fine, middle, middle)
+        self.coarse = _convolutions(middle, coarse, coarse)
         self.middle_again = _convolutions(coarse + middle, middle)
-        self.fine_again = _convolutions(middle + fine, fine)
-        self.last = nn.Conv3d(fine, _OUTPUTS, 1)
+        self.fine_again = _convolutions(middle + fine, fine, fine)
+        self.last = nn.Conv3d(fine, 2 * OUTPUTS, 1)
 
     def forward(self, features: Tensor) -> Tensor:
-        """Return (B, 2, 4, X, Y, Z) of features (B, NUM_FEATURES, X, Y, Z): what went and what came; sides are multiples of 4."""
-        fine = self.fine(features)
+        """Return (B, 2, OUTPUTS, X / CELL, ...) of features (B, NUM_FEATURES, X, Y, Z): what went and what came."""
+        fine = self.fine(nn.functional.max_pool3d(self.finest(features), CELL))
         middle = self.middle(nn.functional.max_pool3d(fine, 2))
         coarse = self.coarse(nn.functional.max_pool3d(middle, 2))
         middle = self.middle_again(torch.cat((nn.functional.interpolate(coarse, scale_factor=2.0), middle), 1))
         fine = self.fine_again(torch.cat((nn.functional.interpolate(middle, scale_factor=2.0), fine), 1))
         out: Tensor = self.last(fine)
-        return out.view(len(out), 2, 4, *out.shape[2:])
+        return out.view(len(out), 2, OUTPUTS, *out.shape[2:])
 
 
 def fitted_network(path: Path = WEIGHTS) -> VoxelNetwork:
@@ -51,10 +57,10 @@ def fitted_network(path: Path = WEIGHTS) -> VoxelNetwork:
     return network.eval()
 
 
-def _convolutions(inputs: int, outputs: int) -> nn.Sequential:
+def _convolutions(*widths: int) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for before in (inputs, outputs):
-        layers += [nn.Conv3d(before, outputs, 3, padding=1, bias=False), nn.BatchNorm3d(outputs), nn.ReLU()]
+    for inputs, outputs in pairwise(widths):
+        layers += [nn.Conv3d(inputs, outputs, 3, padding=1, bias=False), nn.BatchNorm3d(outputs), nn.ReLU()]
     return nn.Sequential(*layers)
 
 

@@ -1,42 +1,34 @@
-"""From voxels that came or went to objects: what votes for the same middle is one, and what went and came again moved."""
+"""From what the network says of cells to objects: each peak of middles is one, and what went and came again moved."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import exp, log
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from panoloc.core.changes.config import CHANGES
+from panoloc.core.changes.network import CELL
+from panoloc.core.changes.voxels import COLOR_FEATURES, VoxelGrid
 
 Array = NDArray[np.float64]
-_AT_ONCE = 1024  # votes that are compared with all others
-
-
-@dataclass(frozen=True, eq=False)
-class LikelyVoxels:
-    """Voxels that came, or went: centers (M, 3), middles (M, 3) of the objects that they vote for, likelihood (M,), colors (M, 3)."""
-
-    is_new: bool
-    centers: Array
-    middles: Array
-    likelihood: Array
-    colors: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedObject:
     """Something that came to a place, or went from it.
 
-    is_new: it came. low, high: (3,) corners of its box, metres. voxels: (M, 3) centres. likelihood: mean of its voxels, 0..1. color: (3,)
-    its mean colour, 0..1, in the light of the scan.
+    is_new: it came. low, high: (3,) corners of its box, metres. voxels: (M, 3) centres. certainty: 0..1, how probable it is that it did so.
+    color: (3,) its mean colour, 0..1, in the light of the scan.
     """
 
     is_new: bool
     low: Array
     high: Array
     voxels: Array
-    likelihood: float
+    certainty: float
     color: Array
 
     @property
@@ -50,18 +42,50 @@ class PlacedObject:
         return self.high - self.low
 
 
-def placed_objects(parts: Sequence[LikelyVoxels]) -> list[PlacedObject]:
-    """Return the objects that voxels of one or more tiles make up; all came, or all went."""
-    if not sum(len(part.centers) for part in parts):
-        return []
-    centers, middles = (np.concatenate([getattr(p, name) for p in parts]) for name in ("centers", "middles"))
-    likelihood, colors = (np.concatenate([getattr(p, name) for p in parts]) for name in ("likelihood", "colors"))
-    group = _groups(middles, likelihood)
-    return [
-        _object(parts[0].is_new, centers[mine], middles[mine], likelihood[mine], colors[mine])
-        for mine in (group == number for number in range(int(group.max()) + 1))
-        if likelihood[mine].sum() >= CHANGES.least_voxels
-    ]
+def placed_objects(
+    said: Tensor, features: Tensor, grid: VoxelGrid, inner: tuple[slice, ...], is_new: bool
+) -> list[PlacedObject]:
+    """Return the objects of a grid that came, or went.
+
+    said: (OUTPUTS, X / CELL, ...) of the network. features: (NUM_FEATURES, X, Y, Z). inner: voxels that middles are looked for in.
+    """
+    near, belongs = said[:2].sigmoid()
+    peak = (near == torch.nn.functional.max_pool3d(near[None], 3, 1, 1)[0]) & (near > CHANGES.likely)
+    within = torch.zeros_like(peak)
+    within[tuple(slice(part.start // CELL, -(-part.stop // CELL)) for part in inner)] = True
+    cells = VoxelGrid(grid.low, tuple(near.shape), CELL * grid.side).centers().view(*near.shape, 3)
+    inside = belongs.repeat_interleave(CELL, 0).repeat_interleave(CELL, 1).repeat_interleave(CELL, 2).flatten()
+    color = features[COLOR_FEATURES].flatten(1)[3 * is_new :][:3] + 0.5
+    voxels = grid.centers()
+    found = []
+    for at in (peak & within).nonzero():
+        way, sides = (said[(slice(*part), *at)] for part in ((2, 5), (5, 8)))
+        middle, half = cells[tuple(at)] + way, sides.exp() / 2
+        apart = ((voxels - middle).abs() - half).amax(1)
+        mine = (apart <= grid.side / 2) & (inside > CHANGES.likely_voxel)
+        if not bool(mine.any()):
+            mine = apart == apart.min()
+        low, high, own = (each.double().numpy() for each in (middle - half, middle + half, voxels[mine]))
+        found.append(
+            PlacedObject(is_new, low, high, own, certainty_of(float(near[tuple(at)])), color[:, mine].mean(1).numpy())
+        )
+    return found
+
+
+def certainty_of(likelihood: float) -> float:
+    """Return how probable it is that something changed where the network says so with a likelihood, 0..1."""
+    base, of_odds = CHANGES.certainty
+    likelihood = min(likelihood, CHANGES.most_likely)
+    return 1 / (1 + exp(-base - of_odds * log(likelihood / (1 - likelihood))))
+
+
+def without_repeats(placed: Sequence[PlacedObject]) -> list[PlacedObject]:
+    """Return objects without those that have most of their box in common with a surer one that did the same."""
+    kept: list[PlacedObject] = []
+    for each in sorted(placed, key=lambda one: -one.certainty):
+        if all(each.is_new != other.is_new or not _repeats(each, other) for other in kept):
+            kept.append(each)
+    return kept
 
 
 def pair_up(went: Sequence[PlacedObject], came: Sequence[PlacedObject]) -> list[tuple[int, int]]:
@@ -71,38 +95,17 @@ def pair_up(went: Sequence[PlacedObject], came: Sequence[PlacedObject]) -> list[
     for cost, i, j in costs:
         # What stands where something like it stood was exchanged, or is there still.
         is_elsewhere = np.linalg.norm(went[i].center - came[j].center) > CHANGES.least_side_m
-        if cost < 1 and is_elsewhere and all(i != a and j != b for a, b in pairs):
+        # What is sure is stated, whatever unsure thing it may be alike.
+        is_sure, is_too = (each.certainty >= CHANGES.sure for each in (went[i], came[j]))
+        if cost < 1 and is_elsewhere and is_sure == is_too and all(i != a and j != b for a, b in pairs):
             pairs.append((i, j))
     return pairs
 
 
-def _groups(middles: Array, weights: Array) -> NDArray[np.int64]:
-    """Return the group (M,) of each vote (M, 3), from 0: every vote climbs to the densest place within reach (quick shift)."""
-    cells, of_vote = np.unique(np.floor(middles / CHANGES.vote_m).astype(np.int64), axis=0, return_inverse=True)
-    of_vote = of_vote.ravel()
-    mass = torch.from_numpy(np.bincount(of_vote, weights)).float()
-    places = torch.from_numpy((cells + 0.5) * CHANGES.vote_m).float()
-    density, parents = torch.zeros(len(cells)), []
-    for part in torch.split(torch.arange(len(cells)), _AT_ONCE):
-        density[part] = (-0.5 * (torch.cdist(places[part], places) / CHANGES.vote_blur_m).square()).exp() @ mass
-    density += 1e-6 * torch.arange(len(cells))  # no two are equally dense
-    for part in torch.split(torch.arange(len(cells)), _AT_ONCE):
-        near = torch.cdist(places[part], places) <= CHANGES.vote_reach_m
-        parents.append((near * density).argmax(1))
-    parent = torch.cat(parents)
-    while not torch.equal(higher := parent[parent], parent):
-        parent = higher
-    return np.asarray(np.unique(parent.numpy(), return_inverse=True)[1].ravel()[of_vote])
-
-
-def _object(is_new: bool, centers: Array, middles: Array, likelihood: Array, colors: Array) -> PlacedObject:
-    half = CHANGES.voxel_m / 2
-    low, high = (np.quantile(centers, q, axis=0) + s * half for q, s in ((0.02, -1), (0.98, 1)))
-    # Votes say where the middle is, even of what is seen in part: the box grows on the side that is missing.
-    shift = np.average(middles, axis=0, weights=likelihood) - (low + high) / 2
-    low, high = low + np.minimum(2 * shift, 0), high + np.maximum(2 * shift, 0)
-    color = np.average(colors, axis=0, weights=likelihood)
-    return PlacedObject(is_new, low, high, centers, float(likelihood.mean()), color)
+def _repeats(each: PlacedObject, other: PlacedObject) -> bool:
+    shared = np.prod(np.maximum(np.minimum(each.high, other.high) - np.maximum(each.low, other.low), 0))
+    is_same = shared > CHANGES.most_shared * min(np.prod(each.size), np.prod(other.size))
+    return bool(is_same or np.linalg.norm(each.center - other.center) < CHANGES.least_apart_m)
 
 
 def _unlikeness(first: PlacedObject, second: PlacedObject) -> float:

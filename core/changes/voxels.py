@@ -12,9 +12,9 @@ from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.evidence import PhotoEvidence
 from panoloc.core.geometry.projection import pixels_towards
 
-NUM_FEATURES = 21
+NUM_FEATURES = 23
 LEAST_CHANGED = [3, 7]  # of photos that see a voxel in front of surfaces, or at one: the least
-COLOR_FEATURES = slice(15, 21)  # of scan and photos, RGB each
+COLOR_FEATURES = slice(15, 21)  # of scan and photos, RGB each; then the edges of both
 _MANY = 4.0  # photos that see a voxel; more say no more
 _DENSE = 8.0  # points in a voxel
 
@@ -55,7 +55,8 @@ def voxel_features(
 
     points, colors: (N, 3) of the scan, colours 0..1. seen: what photos say, in any order. A voxel lies in front of the surface that was
     scanned in a direction, at it, or behind it; of the photos that see it in front or at it, how many there are, and the mean, least and
-    largest of how changed they show that direction; and how much their colours differ, and what they are.
+    largest of how changed they show that direction; how much their colours differ, and what they are; and the
+    edges of scan and photos there.
     """
     numbers, inside = grid.numbers(points)
     size = int(np.prod(grid.shape))
@@ -68,7 +69,7 @@ def voxel_features(
         views.add(each, centers, grid.side)
     planes = [occupied, *views.planes()]
     planes += [torch.where(occupied > 0, torch.from_numpy(c).float() - 0.5, 0.0) for c in scanned]
-    planes += list(views.mean_color())
+    planes += [*views.mean_color(), *views.mean_edges()]
     return torch.stack(planes).view(NUM_FEATURES, *grid.shape)
 
 
@@ -79,7 +80,7 @@ class _Sums:
         # in front, at, behind the surface: how many photos, sum, least and largest of `changed`
         self._count, self._sum = torch.zeros(3, size), torch.zeros(3, size)
         self._least, self._most = torch.ones(3, size), torch.zeros(3, size)
-        self._color, self._square = torch.zeros(3, size), torch.zeros(size)
+        self._color, self._square, self._edges = torch.zeros(3, size), torch.zeros(size), torch.zeros(2, size)
 
     def add(self, seen: PhotoEvidence, centers: Tensor, side: float) -> None:
         """Add a photo."""
@@ -100,6 +101,7 @@ class _Sums:
         color = seen.color.reshape(-1, 3)[pixel].T * open_
         self._color += color
         self._square += color.square().sum(0)
+        self._edges += seen.edges.flatten(1)[:, pixel] * open_
 
     def planes(self) -> list[Tensor]:
         """Return 14 planes of what the photos say but for their colours."""
@@ -122,3 +124,7 @@ class _Sums:
         """Return the mean colour (3, size) that photos show, less 0.5; 0 where none shows any."""
         open_ = self._count[0] + self._count[1]
         return torch.where(open_ > 0, self._color / open_.clamp_min(1) - 0.5, 0.0)
+
+    def mean_edges(self) -> Tensor:
+        """Return the mean edges (2, size) of scan and photos; 0 where no photo shows any."""
+        return self._edges / (self._count[0] + self._count[1]).clamp_min(1)

@@ -21,8 +21,8 @@ from panoloc.lab.rooms.capture.shooting import rotation_of
 from panoloc.lab.rooms.changed_rooms import ChangedRoom, make_changed_room
 from tests.campaign.outcome import Outcome
 
-FIRST_SEED = 7000
-"""Of rooms that nothing was fitted to, nor chosen on: those that were begin at 5,000, 6,000 and 10,000."""
+FIRST_SEED = 7200
+"""Of rooms that nothing was fitted to, nor chosen on: those that were begin at 5,000, 6,000, 7,000, 7,100 and 10,000."""
 
 _NEAR_M, _LARGE_M = 0.3, 0.3
 _SEEN_SR, _SCANNED = (

@@ -74,3 +74,12 @@ def test_a_voxel_knows_whether_it_lies_before_the_scanned_surface_or_at_it() -> 
     assert in_front[0] == 0
     assert in_front[10] > 0.5
     assert at_surface[10] == 0
+
+
+def test_what_came_has_edges_in_the_photo_alone() -> None:
+    evidence, is_rug = seen(rug=True, brightness=1.0)
+    inner, outer = (
+        torch.nn.functional.max_pool2d(torch.from_numpy(m).float()[None], 3, 1, 1)[0] > 0 for m in (is_rug, ~is_rug)
+    )
+    scan, photo = evidence.edges[:, inner & outer & evidence.known].mean(1).tolist()
+    assert photo > 5 * scan

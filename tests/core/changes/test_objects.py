@@ -1,48 +1,63 @@
-"""Voxels that vote for the same middle are one object; what went and came again moved."""
+"""Peaks of middles are objects; what went and came again moved."""
 
 import numpy as np
 import pytest
+import torch
 
-from panoloc.core.changes.finding import certainty_of
-from panoloc.core.changes.objects import LikelyVoxels, PlacedObject, pair_up, placed_objects
+from panoloc.core.changes.network import CELL, OUTPUTS
+from panoloc.core.changes.objects import PlacedObject, certainty_of, pair_up, placed_objects, without_repeats
+from panoloc.core.changes.voxels import NUM_FEATURES, VoxelGrid
+
+GRID = VoxelGrid(np.zeros(3), (24, 24, 16), 0.1)
+WHOLE = tuple(slice(0, count) for count in GRID.shape)
 
 
-def block(center: tuple[float, float, float], size: tuple[float, float, float], is_new: bool = True) -> LikelyVoxels:
-    """Return the voxels of a box, with votes that are up to 8 cm off."""
-    axes = [np.arange(c - s / 2 + 0.05, c + s / 2, 0.1) for c, s in zip(center, size, strict=True)]
-    centers = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    votes = np.array(center) + np.random.default_rng(0).uniform(-0.08, 0.08, centers.shape)
-    return LikelyVoxels(is_new, centers, votes, np.full(len(centers), 0.9), np.full((len(centers), 3), 0.5))
+def said_of(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> torch.Tensor:
+    """Return what a network would say that knows middles and sides of boxes."""
+    cells = VoxelGrid(GRID.low, (12, 12, 8), CELL * GRID.side)
+    centers = cells.centers().view(*cells.shape, 3)
+    said = torch.full((OUTPUTS, *cells.shape), -5.0)
+    for middle, sides in boxes:
+        way = torch.tensor(middle) - centers
+        here = way.norm(dim=-1) < 0.3
+        said[0] = torch.where(here, 3 - 10 * way.norm(dim=-1), said[0])
+        said[1] = torch.where((way.abs() < torch.tensor(sides) / 2).all(-1), 3.0, said[1])
+        said[2:5] = torch.where(here, way.movedim(-1, 0), said[2:5])
+        said[5:] = torch.where(here, torch.tensor(sides).log().view(3, 1, 1, 1), said[5:])
+    return said
 
 
 def thing(
-    center: tuple[float, float, float], size: tuple[float, float, float], color: float, is_new: bool
+    center: tuple[float, float, float],
+    size: tuple[float, float, float],
+    color: float = 0.5,
+    is_new: bool = True,
+    certainty: float = 0.9,
 ) -> PlacedObject:
     middle, half = np.array(center), np.array(size) / 2
-    return PlacedObject(is_new, middle - half, middle + half, middle[None], 0.9, np.full(3, color))
+    return PlacedObject(is_new, middle - half, middle + half, middle[None], certainty, np.full(3, color))
 
 
 def test_two_cupboards_that_touch_are_two_objects() -> None:
-    parts = [block((0.0, 0.0, 0.5), (0.8, 0.6, 1.0)), block((0.8, 0.0, 0.5), (0.8, 0.6, 1.0))]
-    found = sorted(placed_objects(parts), key=lambda each: each.center[0])
-    assert [each.center for each in found] == [pytest.approx((x, 0, 0.5), abs=0.05) for x in (0.0, 0.8)]
-    assert found[0].size == pytest.approx((0.8, 0.6, 1.0), abs=0.12)
+    size = (0.8, 0.6, 1.0)
+    said = said_of(((0.7, 1.1, 0.5), size), ((1.5, 1.1, 0.5), size))
+    found = placed_objects(said, torch.zeros(NUM_FEATURES, *GRID.shape), GRID, WHOLE, is_new=True)
+    assert [each.center for each in found] == [pytest.approx((x, 1.1, 0.5), abs=1e-3) for x in (0.7, 1.5)]
+    assert found[0].size == pytest.approx(size, abs=1e-3)
+    assert np.abs(found[0].voxels - found[0].center).max(0) == pytest.approx(np.array(size) / 2, abs=0.1)
 
 
-def test_an_object_of_two_tiles_is_one() -> None:
-    whole = block((0.0, 0.0, 0.5), (1.6, 0.6, 1.0))
-    left = whole.centers[:, 0] < 0.1
-    halves = [
-        LikelyVoxels(True, whole.centers[m], whole.middles[m], whole.likelihood[m], whole.colors[m])
-        for m in (left, ~left)
-    ]
-    (found,) = placed_objects(halves)
-    assert found.center == pytest.approx((0, 0, 0.5), abs=0.05)
+def test_each_of_two_tiles_has_the_objects_whose_middle_it_holds() -> None:
+    said = said_of(((0.7, 1.1, 0.5), (0.8, 0.6, 1.0)))
+    left, right = ((slice(a, b), *WHOLE[1:]) for a, b in ((0, 8), (8, 24)))
+    features = torch.zeros(NUM_FEATURES, *GRID.shape)
+    assert [len(placed_objects(said, features, GRID, part, is_new=True)) for part in (left, right)] == [1, 0]
 
 
-def test_a_few_stray_voxels_are_no_object() -> None:
-    stray = LikelyVoxels(True, np.zeros((2, 3)), np.zeros((2, 3)), np.full(2, 0.6), np.zeros((2, 3)))
-    assert placed_objects([stray]) == placed_objects([]) == []
+def test_a_thing_that_is_found_twice_is_listed_once_and_what_stood_in_its_place_as_well() -> None:
+    rug, again = thing((0, 0, 0), (2.4, 1.6, 0.1)), thing((0.4, 0, 0), (1.2, 1.6, 0.1), certainty=0.5)
+    former = thing((0, 0, 0), (2.4, 1.6, 0.1), is_new=False, certainty=0.4)
+    assert without_repeats([again, rug, former]) == [rug, former]
 
 
 def test_what_went_and_came_moved_where_size_and_colour_agree_even_turned() -> None:
@@ -51,8 +66,13 @@ def test_what_went_and_came_moved_where_size_and_colour_agree_even_turned() -> N
     assert pair_up(went, came) == [(0, 0)]
 
 
-def test_more_photos_and_stronger_evidence_make_surer() -> None:
-    by_photos = [certainty_of(0.8, count, 50) for count in (1, 2, 3)]
-    by_likelihood = [certainty_of(share, 2, 50) for share in (0.5, 0.7, 0.9)]
-    assert by_photos == sorted(set(by_photos))
-    assert by_likelihood == sorted(set(by_likelihood))
+def test_what_surely_went_is_not_paired_with_what_perhaps_came() -> None:
+    went = [thing((0, 0, 0.4), (1.6, 0.8, 0.8), is_new=False)]
+    assert pair_up(went, [thing((3, 3, 0.4), (1.6, 0.8, 0.8))]) == [(0, 0)]
+    assert pair_up(went, [thing((3, 3, 0.4), (1.6, 0.8, 0.8), certainty=0.2)]) == []
+
+
+def test_stronger_evidence_makes_surer() -> None:
+    found = [certainty_of(likelihood) for likelihood in (0.3, 0.5, 0.8, 1.0)]
+    assert found[:3] == sorted(set(found[:3]))
+    assert 0 < found[0] < found[-1] < 1
