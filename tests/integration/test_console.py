@@ -150,6 +150,11 @@ def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
     kept = page.get_by_label("Answers that count, newest first").get_by_role("listitem")
     expect(kept.first).to_contain_text("%")
     assert serious_faults(page) == []
+    page.get_by_role("button", name="Photos", exact=True).click()
+    page.get_by_role("button", name="Place panorama.jpg by hand").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("panorama.jpg")
+    expect(page.get_by_role("group", name="How to place it")).to_be_visible()
+    assert serious_faults(page) == []
 
 
 def test_objects_that_changed_are_listed_with_pictures_and_reports(

@@ -13,7 +13,7 @@ const STEP_MS = 480;
 const STEP_SHARE = 0.32;
 const SPHERE_FOV_DEG = 75;
 /** Radians: a little down, so that the arrow on the floor is seen. */
-const FIRST_PITCH = -0.2;
+const FIRST_PITCH = -0.3;
 const [NARROWEST_FOV_DEG, WIDEST_FOV_DEG] = [30, 100];
 const NO_SHIFT: Vector3 = [0, 0, 0];
 
