@@ -44,9 +44,9 @@ def ask_up_axis(context: ReadingContext, read_as: ReadAs, seen: Seen, up: UpAxis
     metres: by which the positions seen become metres, where their unit is judged.
     """
     code, found = "up_axis_doubtful", f"{up} points up" if is_sure else "it is not certain which axis points up"
-    message = f"By its floor, ceiling and walls {found}"
+    message = f"From its floor, ceiling and walls {found}"
     if read_as.up_axis_from == "given":
-        message = f"By its floor, ceiling and walls, {read_as.up_axis}, which was given, does not point up. Check it."
+        message = f"From its floor, ceiling and walls, {read_as.up_axis}, which was given, does not point up. Check it."
         context.note(code, message, "warning")
         return
     choices = []

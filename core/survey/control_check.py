@@ -1,5 +1,6 @@
 """Checks a map against control points: as it stands on Earth, and after the best levelled fit, which gives it a place there."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -19,7 +20,7 @@ from panoloc.core.earth.georeference import (
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.survey.control_csv import ControlPoint
-from panoloc.core.survey.control_fit import UNITS, LevelFit, fit_level, rms_of
+from panoloc.core.survey.control_fit import UNITS, LevelFit, fit_level
 
 Array = NDArray[np.float64]
 _FARTHEST_M = 20_000.0  # of points from the origin of a map that a plane stands for
@@ -27,7 +28,8 @@ _ROUNDS = 4  # until the plane is that at the map's origin
 _MOST_TILT_DEG = 0.5
 _MOST_SCALE_M = 0.06  # three times what clicks are off
 _BLUNDER_M = 0.05
-_REST = 0.25  # of the residuals, that are left without a wrong point
+_FALSE_ALARMS = 0.01  # of lists without a wrong point
+_UNKNOWNS = 4  # of a levelled fit
 _SAME_HEIGHT = "the heights of the points and of the map are above different surfaces"
 
 
@@ -213,14 +215,31 @@ def _doubts(fit: LevelFit, used: Sequence[ControlPoint]) -> tuple[str, ...]:
 
 
 def _blunder_words(fit: LevelFit, used: Sequence[ControlPoint]) -> tuple[str, ...]:
-    rms, number = rms_of(np.linalg.norm(fit.residuals, axis=1)), int(fit.rest_rms_m.argmin())
+    """Name the point without which the others fit better than chance explains.
+
+    The squares that it adds to those of the others follow F(3, free) by chance: Baarda's test, with the deviation that the others show
+    in place of a stated one. It is made for the worst of all points (Bonferroni).
+    """
+    squares, others = float(np.square(fit.residuals).sum()), np.square(fit.rest_rms_m) * (len(used) - 1)
+    number, free = int(others.argmin()), 3 * (len(used) - 1) - _UNKNOWNS
     off_m, rest_m = fit.left_out_m[number], fit.rest_rms_m[number]
-    if len(used) <= 3 or off_m < _BLUNDER_M or rest_m > _REST * rms:
+    if len(used) <= 3 or off_m < _BLUNDER_M:
+        return ()
+    if _chance(others[number] / squares, free) * len(used) > _FALSE_ALARMS:
         return ()
     return (
         f"{used[number].name} is {off_m:.2f} m from where the other points put it, which fit to {rest_m:.3f} m without it: check its "
         "coordinates and its place in the scan, or remove it",
     )
+
+
+def _chance(share: float, free: int) -> float:
+    """Return how probable it is, at most, that one point of three coordinates leaves the others no more than a share of all squares.
+
+    The incomplete beta function I(free / 2, 3 / 2), of which one factor is taken as 1: that matters where nothing is named anyway.
+    """
+    half = free / 2
+    return float(share**half / half * math.exp(math.lgamma(half + 1.5) - math.lgamma(half) - math.lgamma(1.5)))
 
 
 def _scale_words(fit: LevelFit) -> tuple[str, ...]:

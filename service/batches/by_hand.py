@@ -32,6 +32,7 @@ from panoloc.service.batches.hand_evidence import (
     contradictions,
     of_engine,
     of_pairs,
+    uncompared,
 )
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.batches.store import BatchStore
@@ -103,10 +104,10 @@ class HandPlacing:
         seen = await asyncio.to_thread(shown_camera, data, record.camera, self._max_pixels)
         guesses = await asyncio.to_thread(_guesses, by_hand, seen)
         photo = _Photo(record, seen, by_hand.pairs, registry.georeferences([ref]).get(ref.id), ref)
-        given = photo.placed(guesses[0].pose, guesses[0].evidence)
         answers = [await self._refined(photo, data, guess, by_hand, request_id) for guess in guesses[:_MOST_REFINED]]
         found = [(guess, *refined) for guess, refined in zip(guesses, answers, strict=False) if refined is not None]
         if not found:
+            given = photo.placed(guesses[0].pose, uncompared(guesses[0].evidence))
             return Placement(given, None, "given", None, None, {"given": photo.answer(given, None)})
         guess, pose, answer = max(found, key=lambda each: (each[2].images[0].agreement or -1.0, each[2].confidence))
         moved = pose_error(pose, guess.pose)

@@ -19,6 +19,7 @@ _UNMEASURED = Remark(
 )
 _RIGHT_M, _RIGHT_DEG = 0.3, 10.0  # what `confidence` of an answer is about
 _MOST_OF_PAIRS = 0.95  # geometry knows nothing of points that were mistaken for others
+_MOST_UNCOMPARED = 0.8
 _MOST_OF_THREE = 0.5  # that always fit
 _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
 _AWAY = 3.0  # times the residuals of the clicked points, from which on a refined pose contradicts them
@@ -55,6 +56,14 @@ def of_pairs(solved: Sequence[Resection], num_pairs: int) -> Evidence:
     accuracy = Accuracy(position_m=first.radius_m, orientation_deg=first.radius_deg, level=LEVEL)
     right = _share_within(_RIGHT_M, first.radius_m) * _share_within(_RIGHT_DEG, first.radius_deg) / len(solved)
     return Evidence(None, round(min(right, most), 4), accuracy, [Remark("placed_by_hand", each) for each in words])
+
+
+def uncompared(pairs: Evidence) -> Evidence:
+    """Return what pairs say where the engine has not compared photo and scan: points that agree may all be mistaken for others."""
+    if pairs.confidence <= _MOST_UNCOMPARED:
+        return pairs
+    words = "photo and scan were not compared there, and points that agree may still be the wrong ones; refine the pose as a check"
+    return replace(pairs, confidence=_MOST_UNCOMPARED, warnings=[*pairs.warnings, Remark("placed_by_hand", words)])
 
 
 def of_engine(answer: Localization) -> Evidence:

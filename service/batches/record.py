@@ -1,6 +1,6 @@
 """One batch: the request, as it is stored; and the result of each image.
 
-In storage: `batches/{id}/batch.json`, written once, last of all that an upload brings; `images/00000` and so on;
+In storage: `batches/{id}/batch.json`, last of all that an upload brings; `images/00000` and so on;
 `results/00000.json` as each image is done; and beside its result, of one that a person has placed,
 `by_hand/00000.json`. All but images contain their own digest, see `panoloc.service.storage.sealed_json`.
 """
@@ -88,6 +88,10 @@ class StoredBatches:
             for _ in threads.map(self._storage.adopt, keys, *zip(*images, strict=True)):
                 pass
         check()
+        self.put_record(record)
+
+    def put_record(self, record: BatchRecord) -> None:
+        """Store a record, over the former one."""
         self._storage.replace(_record_key(record.id), seal(BATCH, record))
 
     def read(self, batch_id: str) -> BatchRecord | None:

@@ -7,7 +7,7 @@ import asyncio
 import re
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -86,9 +86,10 @@ class BatchStore:
 
     async def refresh_one(self, batch_id: str) -> None:
         """Look what other processes have made of one batch."""
-        if batch_id not in self._batches:
+        if (batch := self._batches.get(batch_id)) is None:
             await self.find(batch_id)
-        elif await asyncio.to_thread(self._files.is_stored, batch_id):
+        elif (record := await asyncio.to_thread(self._files.read, batch_id)) is not None:
+            batch.record = record
             await self.done(batch_id)
         else:
             self._batches.pop(batch_id, None)
@@ -211,6 +212,17 @@ class BatchStore:
             await uninterrupted(asyncio.to_thread(self._files.put_by_hand, batch_id, number, result))
         batch.by_hand = batch.by_hand - {number} if result is None else batch.by_hand | {number}
         await self._publish(batch_id)
+
+    async def rename(self, batch_id: str, name: str) -> BatchRecord:
+        """Give a batch another name, and return its record. Raises BatchNotFoundError."""
+        async with self._locks.held(_lock_of(batch_id)):
+            if self._locks.is_shared:
+                await self.refresh_one(batch_id)
+            batch = self._batches[self.get(batch_id).id]
+            batch.record = replace(batch.record, name=name)
+            await uninterrupted(asyncio.to_thread(self._files.put_record, batch.record))
+        await self._publish(batch_id)
+        return batch.record
 
     async def image(self, batch_id: str, number: int) -> bytes:
         """Return an image as it was uploaded. Raises StorageError."""

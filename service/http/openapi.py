@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from panoloc.service.answer import BY_STATUS, Localization
-from panoloc.service.http.schemas.batches import BatchOptions
+from panoloc.service.http.schemas.batches import BatchOptions, BatchPatch
 from panoloc.service.http.schemas.control import ControlBody
 from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
 from panoloc.service.http.schemas.hand_poses import HandPose
@@ -32,6 +32,7 @@ _MODELS: tuple[type[BaseModel], ...] = (
     LocalizeOptions,
     BatchOptions,
     HandPose,
+    BatchPatch,
     GeoPoseRequest,
     GeoPoseReply,
 )

@@ -11,7 +11,8 @@ from typing import Literal
 NAME = "audit.jsonl"
 
 Change = Literal[
-    "map registered", "map changed", "scan replaced", "map deleted", "batch made", "batch deleted", "photo placed",
+    "map registered", "map changed", "scan replaced", "map deleted", "batch made", "batch renamed",
+    "batch deleted", "photo placed",
     "key made", "key revoked",
 ]  # fmt: skip
 

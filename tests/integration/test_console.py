@@ -150,6 +150,11 @@ def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
     kept = page.get_by_label("Answers that count, newest first").get_by_role("listitem")
     expect(kept.first).to_contain_text("%")
     assert serious_faults(page) == []
+    page.get_by_role("button", name="Photos", exact=True).click()
+    page.get_by_role("button", name="Place panorama.jpg by hand").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("panorama.jpg")
+    expect(page.get_by_role("group", name="How to place it")).to_be_visible()
+    assert serious_faults(page) == []
 
 
 def test_objects_that_changed_are_listed_with_pictures_and_reports(
@@ -230,8 +235,7 @@ def _walk_through_an_export(page: Page, chromium: Browser, folder: Path) -> None
         here = walk.locator("canvas[data-here]")
         expect(here).to_have_attribute("data-here", "0")
         arrow = walk.get_by_role("group", name="To the photos around").get_by_role("button", name="To other.jpg")
-        # By keyboard one turns to it first, because it may lie behind.
-        arrow.focus()
+        # One looks to where one can walk.
         heading = _heading_to_the_other(walk)
         assert abs(float(here.get_attribute("data-yaw") or "nan") - heading) < 1e-3
         before = here.screenshot()
@@ -279,6 +283,10 @@ def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     expect(page.get_by_role("list", name="Batches").get_by_role("link").first).to_contain_text("North wing")
     assert serious_faults(page) == []
     page.goto(batch_page)
+    page.get_by_role("button", name="Rename").click()
+    page.get_by_label("Name of the batch").fill("South wing")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", level=1)).to_have_text("South wing")
     page.get_by_role("button", name="Begin the tour").press("Enter")
     expect(page.get_by_label("in 3D")).to_be_focused()
     page.get_by_role("group", name="To the photos around").get_by_role("button", name="To panorama.jpg").click()
@@ -401,7 +409,7 @@ def test_control_points_are_loaded_clicked_and_give_the_map_its_place(
     wait_until_drawn(wide, _num_stored_points(service, room_id))
     scan = known(wide.locator("canvas[data-scene]").bounding_box())
     wide.mouse.click(scan["x"] + 0.5 * scan["width"], scan["y"] + 0.55 * scan["height"])
-    expect(wide.get_by_text("No fit: expected")).to_be_visible()  # it was another point of the room
+    expect(wide.get_by_text("No fit. Expected")).to_be_visible()  # it was another point of the room
     wide.get_by_role("button", name="Remove P5").click()
     expect(wide.get_by_role("row", name="P5")).to_have_count(0)
     assert serious_faults(wide) == []

@@ -1398,6 +1398,14 @@ export interface components {
             answers?: (string | null)[] | null;
         };
         /**
+         * BatchPatch
+         * @description The body of `PATCH /batches/{id}`.
+         */
+        BatchPatch: {
+            /** Name */
+            name: string;
+        };
+        /**
          * Camera
          * @description Intrinsics of an image of `width_px` x `height_px`, or a field of view.
          *

@@ -1,4 +1,4 @@
-"""Upload many images to be localized one by one, and list what was uploaded."""
+"""Upload many images to be localized one by one, and list and rename what was uploaded."""
 
 import asyncio
 from collections.abc import Sequence
@@ -12,14 +12,22 @@ from panoloc.core.image.image_header import KNOWN_FORMATS
 from panoloc.service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import ArchiveError, InvalidOptionsError
-from panoloc.service.http.access import caller_of, hold_upload_place, note_change, require
-from panoloc.service.http.openapi import accepted_response, binary_part, files_part, json_part, json_response, multipart
+from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_batch, require
+from panoloc.service.http.openapi import (
+    accepted_response,
+    binary_part,
+    files_part,
+    json_body,
+    json_part,
+    json_response,
+    multipart,
+)
 from panoloc.service.http.routes.batches import batch_document, batch_overview
 from panoloc.service.http.routes.localize import MAP_PARTS, OPTION_RULES, checked_options, maps_of
-from panoloc.service.http.schemas.batches import Batch, BatchOptions, BatchPage
-from panoloc.service.http.schemas.examples import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE
+from panoloc.service.http.schemas.batches import Batch, BatchOptions, BatchOverview, BatchPage, BatchPatch
+from panoloc.service.http.schemas.examples import BATCH_OVERVIEW_EXAMPLE, BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE
 from panoloc.service.http.schemas.maps import name_of_file
-from panoloc.service.http.uploads import MAX_PARTS, Form, PartRule, read_form
+from panoloc.service.http.uploads import MAX_PARTS, Form, PartRule, read_body, read_form
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import new_id, now
 from panoloc.service.maps.known_maps import decode_cursor, encode_cursor
@@ -61,6 +69,23 @@ async def list_batches(
         "next_cursor": encode_cursor(page[-1].created_at, page[-1].id) if more else None,
     }
     return JSONResponse(body)
+
+
+@router.patch(
+    "/batches/{batch_id}",
+    summary="Rename a batch",
+    dependencies=[Depends(require("localize"))],
+    responses=json_response(BatchOverview, BATCH_OVERVIEW_EXAMPLE, 400, 401, 403, 404, 408, 413, 422, 503),
+    openapi_extra=json_body(BatchPatch, {"name": "3rd floor, 21 November"}),
+)
+async def rename_batch(request: Request, batch_id: str) -> Response:
+    """Change the name, and return the batch as lists have it."""
+    batches = services_of(request).batches
+    own_batch(request, batch_id)
+    patch = parse_json(BatchPatch, await read_body(request.stream()), "body")
+    record = await batches.rename(batch_id, patch.name)
+    note_change(request, "batch renamed", batch_id)
+    return JSONResponse(batch_overview(record, batches.num_done(batch_id)))
 
 
 @router.post(

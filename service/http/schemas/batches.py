@@ -8,7 +8,7 @@ from pydantic import Field
 from panoloc.service.answer import Localization, ResponseModel
 from panoloc.service.http.schemas.maps import Name
 from panoloc.service.http.schemas.operations import ProblemDocument
-from panoloc.service.http.schemas.queries import Camera, Hints, LocalizeOptions
+from panoloc.service.http.schemas.queries import Camera, Hints, LocalizeOptions, RequestModel
 
 BatchStatus = Literal["queued", "running", "done"]
 ItemStatus = Literal["waiting", "localized", "ambiguous", "not_localized", "failed"]
@@ -45,6 +45,12 @@ class BatchOptions(LocalizeOptions):
     artifacts: list[Any] = Field(
         default_factory=list, max_length=0, description="Not in a batch: a batch stores no pictures."
     )
+
+
+class BatchPatch(RequestModel):
+    """The body of `PATCH /batches/{id}`."""
+
+    name: Name
 
 
 class BatchCounts(ResponseModel):

@@ -156,7 +156,7 @@ CHANGES_EXAMPLE: dict[str, Any] = {
         {"center_m": [2.025, 0.975, 0.375], "num_changed": 1, "num_seen": 1, "last_changed_at": "2026-11-21T12:00:00Z"}
     ],
 }
-_BATCH_OVERVIEW: dict[str, Any] = {
+BATCH_OVERVIEW_EXAMPLE: dict[str, Any] = {
     "id": "batch_7c1d9e2f4a6b8035",
     "name": "ground floor",
     "status": "queued",
@@ -166,9 +166,9 @@ _BATCH_OVERVIEW: dict[str, Any] = {
     "num_images": 2,
     "progress": 0.0,
 }
-BATCH_PAGE_EXAMPLE = {"items": [_BATCH_OVERVIEW], "next_cursor": None}
+BATCH_PAGE_EXAMPLE = {"items": [BATCH_OVERVIEW_EXAMPLE], "next_cursor": None}
 QUEUED_BATCH_EXAMPLE = {
-    **_BATCH_OVERVIEW,
+    **BATCH_OVERVIEW_EXAMPLE,
     "counts": {"waiting": 2, "localized": 0, "ambiguous": 0, "not_localized": 0, "failed": 0},
     "ignored": ["notes.txt"],
     "items": [],

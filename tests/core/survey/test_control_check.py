@@ -153,6 +153,23 @@ def test_the_point_without_which_the_others_fit_is_named_and_the_scale_told() ->
     assert checked(plain(house, house + clicks)).warnings == ()
 
 
+@pytest.mark.parametrize(("num_points", "click_m"), [(5, 0.01), (8, 0.01), (8, 0.02), (12, 0.02)])
+def test_a_point_of_many_that_is_20_cm_off_is_named_and_none_where_all_are_right(
+    num_points: int, click_m: float
+) -> None:
+    rng = np.random.default_rng(num_points)
+    named, blamed = 0, 0
+    for _ in range(40):
+        positions = rng.uniform([0, 0, 0], [20, 15, 6], (num_points, 3))
+        known = positions + rng.normal(0, click_m, positions.shape)
+        blamed += any("other points put it" in each for each in checked(plain(known, positions)).warnings)
+        off = rng.normal(0, 1, 3)
+        known[0] += 0.2 * off / np.linalg.norm(off)
+        found = checked(plain(known, positions)).warnings
+        named += bool(found) and found[0].startswith("P0 is ")
+    assert (named >= 36, blamed) == (True, 0), (named, blamed)
+
+
 def test_points_without_a_place_in_the_scan_are_asked_to_be_clicked() -> None:
     unclicked = [ControlPoint("P1", (691000.0, 5334000.0, 520.0), False, None)]
     found = checked(unclicked, "EPSG:25832", 46.2)

@@ -94,6 +94,18 @@ async def test_a_batch_has_the_name_it_is_given_or_that_of_what_its_images_came_
     assert (await running.json("/batches"))["items"][-1]["name"] == made["name"]
 
 
+async def test_a_batch_that_is_renamed_keeps_name_and_results_after_a_restart(serve: Serve) -> None:
+    async with serve() as running:
+        _, batch_id = await running.placed("a.png")
+        reply = await running.client.patch(f"/batches/{batch_id}", json={"name": "3rd floor"})
+        assert (reply.status_code, reply.json()["name"], reply.json()["progress"]) == (200, "3rd floor", 1), reply.text
+        assert await running.status("PATCH", f"/batches/{batch_id}", json={"name": ""}) == 422
+        assert await running.status("PATCH", "/batches/batch_0000000000000000", json={"name": "x"}) == 404
+    async with serve() as running:
+        batch = await running.json(f"/batches/{batch_id}")
+        assert (batch["name"], batch["counts"]["localized"]) == ("3rd floor", 1)
+
+
 async def test_images_that_come_with_their_answers_keep_them_and_only_the_others_are_localized(
     running: RunningService,
 ) -> None:

@@ -69,6 +69,8 @@ async def test_a_lost_photo_is_placed_by_points_and_counts_as_found_until_that_i
     assert tried.status_code == 200, tried.text
     HandPlacement.model_validate(tried.json())
     given = tried.json()["given"]
+    assert given["confidence"] <= 0.8  # nothing has compared photo and scan
+    assert "were not compared" in given["warnings"][-1]
     assert list(given["pose"]["map_from_camera"]["position_m"].values()) == pytest.approx(TRUE.position, abs=1e-3)
     assert given["residuals_px"] == pytest.approx([0] * 4, abs=0.1)
     assert (tried.json()["refined"], tried.json()["item"]["status"]) == (None, "not_localized")

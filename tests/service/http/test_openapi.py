@@ -39,7 +39,7 @@ CONTRACT = {
     "/localizations/{localization_id}/score-map-3d.png": {"get"},
     "/localizations/{localization_id}/overlay.png": {"get"},
     "/batches": {"get", "post"},
-    "/batches/{batch_id}": {"get", "delete"},
+    "/batches/{batch_id}": {"get", "patch", "delete"},
     "/batches/{batch_id}/export": {"get"},
     "/batches/{batch_id}/plan.png": {"get"},
     "/geopose": {"post"},

@@ -246,6 +246,8 @@ async def test_a_batch_is_worked_on_by_one_and_shown_by_both(replicas: Replicas)
     await asyncio.sleep(3 * _LOOK_S)
     first.pool.localize_gate.set()
     shown = await second.done(batch)
+    assert await second.status("PATCH", f"/batches/{batch}", json={"name": "3rd floor"}) == 200
+    await first.eventually("/batches", lambda body: body["items"][0]["name"] == "3rd floor")
     assert shown["counts"]["localized"] == 6
     assert (len(first.pool.jobs), second.pool.jobs) == (6, [])
     await second.eventually("/batches", lambda body: [each["status"] for each in body["items"]] == ["done"])

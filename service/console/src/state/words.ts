@@ -6,6 +6,11 @@ export function statusWords(status: Answer["status"]): string {
   return { localized: "Found", ambiguous: "Several places fit", not_localized: "Not found" }[status];
 }
 
+/** What the service says, as a sentence: without the name of the field at fault before it, which programs read. */
+export function sentence(said: string): string {
+  return said.replace(/^[a-z_.\d]+: /, "").replace(/^./, (first) => first.toUpperCase()).replace(/([^.!?…])$/, "$1.");
+}
+
 /** What a row of a list says of an answer. */
 export function answerWords(answer: Answer): string {
   const found = statusWords(answer.status);
@@ -39,7 +44,7 @@ export function radiusWords(answer: Answer): string {
   const radius = answer.accuracy?.position_m;
   if (radius == null) return "Precision unknown.";
   const angle = answer.accuracy?.orientation_deg;
-  return `Error below ${lengthWords(radius)}${angle == null ? "" : ` and ${angle < 1 ? angle.toFixed(1) : Math.round(angle)}°`} with 68 % probability.`;
+  return `Error below ${lengthWords(radius)}${angle == null ? "" : ` and ${angle < 1 ? Math.max(0.1, angle).toFixed(1) : Math.round(angle)}°`} with 68 % probability.`;
 }
 
 export function lengthWords(metres: number): string {

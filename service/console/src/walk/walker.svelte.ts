@@ -12,6 +12,8 @@ const STEP_MS = 480;
 /** Of the sphere's radius: how far the eye moves between two photos before one is the other. */
 const STEP_SHARE = 0.32;
 const SPHERE_FOV_DEG = 75;
+/** Radians: a little down, so that the arrow on the floor is seen. */
+const FIRST_PITCH = -0.3;
 const [NARROWEST_FOV_DEG, WIDEST_FOV_DEG] = [30, 100];
 const NO_SHIFT: Vector3 = [0, 0, 0];
 
@@ -87,14 +89,20 @@ export class Walker {
     this.look.dispose();
   }
 
-  /** Keep the heading; a photo with edges, or the first one, is looked at as it was taken. */
+  /** Keep the heading; a photo with edges is looked at as it was taken, the first sphere to where one can walk. */
   private face(to: WalkPhoto, photo: PlacedPhoto): void {
     const wasWhole = this.photo !== null && isWhole(this.photo);
     const [yaw, pitch] = directionAngles(to.rotation);
     if (!isWhole(photo)) this.look.begin(yaw, pitch, to.rotation, this.fovOf(photo));
-    else if (this.photo === null) this.look.begin(yaw, 0, null, SPHERE_FOV_DEG);
+    else if (this.photo === null) this.look.begin(this.wayOn(to) ?? yaw, FIRST_PITCH, null, SPHERE_FOV_DEG);
     else this.look.begin(this.look.yaw, wasWhole ? this.look.pitch : 0, null, wasWhole ? this.look.fovDeg : SPHERE_FOV_DEG);
     this.turned();
+  }
+
+  /** Return the heading to the nearest photo that is seen from one; undefined where none is. */
+  private wayOn(from: WalkPhoto): number | undefined {
+    const to = this.data.photos[from.links[0] ?? -1];
+    return to && Math.atan2(to.position[1] - from.position[1], to.position[0] - from.position[0]);
   }
 
   /** Move from one photo to the next: the eye goes ahead while the one fades into the other. */
