@@ -311,9 +311,13 @@ class StoredFileChangedError(StorageError):
 class ExportFailedError(ServiceError):
     """The process that writes exports, or looks for changes, failed."""
 
+    problem = INTERNAL
+
 
 class WorkerError(ServiceError):
     """A worker met a fault of its own. kind: the name of the exception's class; the message is the original one."""
+
+    problem = INTERNAL
 
     def __init__(self, kind: str, message: str) -> None:
         super().__init__(message)

@@ -37,9 +37,10 @@ async function store<T>(mode: IDBTransactionMode, act: (photos: IDBObjectStore) 
   try {
     const database = await opened();
     const transaction = database.transaction(STORE, mode);
+    const ended = new Promise((resolve) => (transaction.oncomplete = transaction.onabort = resolve));
     const result = await done(act(transaction.objectStore(STORE)));
-    // Until it has ended, a reload of the page takes it back.
-    if (mode === "readwrite") await new Promise((resolve) => (transaction.oncomplete = transaction.onabort = resolve));
+    // Until it has ended, a reload of the page takes back what was written.
+    await ended;
     database.close();
     return result;
   } catch {
