@@ -24,6 +24,16 @@ def test_a_scan_in_greys_whose_histograms_use_few_bins_has_its_directions() -> N
     assert torch.allclose((flat @ basis).square().sum(), values[:32].square().sum(), rtol=1e-4)
 
 
+def test_no_product_of_what_is_left_of_empty_bins_is_denormal() -> None:
+    random = torch.Generator().manual_seed(2)
+    histograms = torch.rand(20, 128, 512, generator=random) * (torch.arange(512) % 9 == 0)
+    histograms[torch.rand(20, 128, generator=random) < 0.2] = 0  # patches that show nothing: weights differ by view
+    roots, _ = centered_roots(histograms, torch.rand(128, generator=random) + 0.1)
+    left = roots[roots != 0].abs().min()
+    assert 0 < left < 1e-9
+    assert float(left) ** 2 > torch.finfo(torch.float32).tiny
+
+
 @pytest.mark.slow
 def test_what_is_described_at_once_is_what_is_centred_first() -> None:
     random = torch.Generator().manual_seed(1)

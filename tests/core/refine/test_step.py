@@ -282,6 +282,15 @@ def apart(points: PointPlanes, level: Level = LEVEL, log_focals: Tensor | None =
     return float(found[0]), float(torch.rad2deg(found[1]))
 
 
+def test_every_third_point_keeps_its_image_and_patches_are_numbered_again() -> None:
+    images = torch.arange(len(PATCHES))[None]
+    some = replace(POINTS, images=images).thinned(3)
+    assert some.images is not None
+    assert torch.equal(some.images, images[:, ::3])
+    assert torch.equal(some.positions, POINTS.positions[..., ::3])
+    assert torch.equal(some.sums.patches.unique(), torch.arange(len(PATCHES[::3].unique())))
+
+
 def test_they_meet_at_the_true_pose() -> None:
     distance, angle = apart(POINTS)
     assert distance < 0.003

@@ -109,6 +109,7 @@ async def test_a_batch_is_there_for_its_tenant_alone(callers: Callers) -> None:
     assert listed == [1, 0, 1]
     assert await callers["visitors"].status("GET", "/batches") == 403
     assert await callers["school"].status("DELETE", path) == 404
+    assert await callers["school"].status("PATCH", path, json={"name": "ours"}) == 404
     assert (await callers["school"].post_batch(map_id, "a.png")).status_code == 404
     assert await callers["museum"].status("DELETE", path) == 204
 
