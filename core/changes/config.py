@@ -23,13 +23,11 @@ class ObjectChangesConfig:
     least_changed: float = 0.3  # of what all photos agree on, somewhere in a tile; else nothing in it changed
     likely: float = 0.25  # that a middle is near a cell, from which on there is an object
     likely_voxel: float = 0.4  # of a voxel, from which on it belongs to an object
-    least_apart_m: float = (
-        0.3  # of two objects that did the same; and the most of the smaller one's box that they share
-    )
+    # Of two objects that did the same: how far apart they are at least, and how much of the smaller one's box they share at most.
+    least_apart_m: float = 0.3
     most_shared: float = 0.6
-    size_apart: float = (
-        0.35  # what went and came moved where mean logarithms of sides and colours differ less than these
-    )
+    # What went and came moved where the mean logarithms of its sides, and its colours, differ less than these.
+    size_apart: float = 0.35
     color_apart: float = 0.2
     least_side_m: float = 0.3  # the largest of an object; smaller ones are rather noise
     # Of an object's voxels that a photo shows, and how changed they look on average, for it to have seen the change.

@@ -93,9 +93,8 @@ def targets(grid: VoxelGrid, objects: Sequence[ChangedObject]) -> NDArray[np.flo
     found = np.zeros((2, OUTPUTS, *cells.shape), np.float32)
     near = np.zeros((2, *cells.shape), np.float32)
     centers = cells.centers().numpy().reshape(*cells.shape, 3)
-    for each in sorted(
-        objects, key=lambda one: -float(np.prod(one.high - one.low + 0.1))
-    ):  # smaller ones cover larger ones
+    # Smaller ones cover larger ones.
+    for each in sorted(objects, key=lambda one: -float(np.prod(one.high - one.low + 0.1))):
         inside = np.zeros(cells.shape, np.bool_)
         inside.ravel()[cells.numbers(each.points)[0]] = True
         way = each.center.astype(np.float32) - centers
