@@ -683,6 +683,15 @@ def test_floors_of_a_building_are_shown_one_by_one(page: Page, service: RunningS
     page.get_by_role("button", name="Reset").click()
     expect(floors).to_have_value("1")
 
+    answer = service.localize(small_room().panorama, map_id).json()
+    assert answer["status"] == "ambiguous"
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto(f"{service.http.base_url}/#/maps/{map_id}/answers/{answer['id']}")
+    plan = page.get_by_role("group", name="Plan of two storeys.ply")
+    for number in ("0", "1"):
+        page.get_by_label("Floor of the plan").select_option(number)
+        expect(plan.locator("g.marker")).to_have_count(1)
+
 
 def _figures(page: Page, name: str) -> list[float]:
     shown = page.get_by_role("region", name="Measurement").locator(f"dt:text-is('{name}') + dd").inner_text()

@@ -15,7 +15,7 @@ export interface TurnedShot extends Shot {
 export interface Standing {
   x: number;
   y: number;
-  height: number;
+  z: number;
   yawDeg: number;
 }
 
@@ -31,7 +31,7 @@ type Options = Record<string, unknown>;
 
 /** Ask where one picture was taken. range: of its field of view, across the longer side; null: as its file says. */
 export function askOne(mapId: string, shot: TurnedShot, range: Range | null, near?: Standing): Upload<Answer> {
-  const hints = near && { position_m: [near.x, near.y, near.height], radius_m: NEAR_M, heading_deg: near.yawDeg, heading_tolerance_deg: NEAR_DEG };
+  const hints = near && { position_m: [near.x, near.y, near.z], radius_m: NEAR_M, heading_deg: near.yawDeg, heading_tolerance_deg: NEAR_DEG };
   const lens = range && { model: "pinhole", hfov_range_deg: range.map((deg) => acrossWidth(deg, shot.width, shot.height)) };
   const cameras = lens || shot.orientation ? [{ ...lens, ...turnOf(shot) }] : undefined;
   return send(mapId, [shot], { hints, cameras });
@@ -45,7 +45,7 @@ export function askTogether(mapId: string, shots: TurnedShot[], hfovDeg: number)
 
 export function standingAt(pose: Pose): Standing {
   const { x, y, z } = pose.map_from_camera.position_m;
-  return { x, y: -z, height: y, yawDeg: pose.yaw_deg };
+  return { x, y: -z, z: y, yawDeg: pose.yaw_deg };
 }
 
 function send(mapId: string, shots: TurnedShot[], options: Options): Upload<Answer> {

@@ -2,9 +2,8 @@
 
 import type { MapStats, Vector3 } from "../api/types.ts";
 import type { PointChunk } from "../scene/point_decoder.ts";
+import type { Section } from "./floors.ts";
 
-/** Of the scan's height that is painted: ceilings hide what is below them. */
-const SHOWN_HEIGHT = 0.82;
 const LONGER_SIDE_PX = 420;
 const MARGIN = 0.03;
 /** Holes that are closed: empty pixels so many of whose neighbours are not, so often over. An edge has three, an inner corner five. */
@@ -26,8 +25,8 @@ export function planFrame(stats: MapStats): PlanFrame {
   return { left: min[0] - margin, top: max[1] + margin, width: max[0] - min[0] + 2 * margin, height: max[1] - min[1] + 2 * margin };
 }
 
-/** Paint points onto a canvas that is made as large as they need. */
-export function paintPlan(canvas: HTMLCanvasElement, chunks: PointChunk[], origin: Vector3, stats: MapStats): void {
+/** Paint the points of a section onto a canvas that is made as large as they need. */
+export function paintPlan(canvas: HTMLCanvasElement, chunks: PointChunk[], origin: Vector3, stats: MapStats, { bottom, top }: Section): void {
   const frame = planFrame(stats);
   const perMetre = LONGER_SIDE_PX / Math.max(frame.width, frame.height);
   const [width, height] = [Math.max(1, Math.round(frame.width * perMetre)), Math.max(1, Math.round(frame.height * perMetre))];
@@ -36,12 +35,12 @@ export function paintPlan(canvas: HTMLCanvasElement, chunks: PointChunk[], origi
   const context = canvas.getContext("2d")!;
   const picture = context.createImageData(width, height);
   const heights = new Float32Array(width * height).fill(-Infinity);
-  const cut = stats.bounds.min[2] + SHOWN_HEIGHT * (stats.bounds.max[2] - stats.bounds.min[2]) - origin[2];
+  const [lowest, highest] = [bottom - origin[2], top - origin[2]];
   const pixels = new Uint32Array(picture.data.buffer);
   for (const { positions, colors } of chunks) {
     for (let point = 0, at = 0; point < colors.length; point += 1, at += 3) {
       const z = positions[at + 2]!;
-      if (z > cut) continue;
+      if (z < lowest || z > highest) continue;
       const column = Math.floor((positions[at]! + origin[0] - frame.left) * perMetre);
       const row = Math.floor((frame.top - positions[at + 1]! - origin[1]) * perMetre);
       // A point is three pixels wide, so that floors close.

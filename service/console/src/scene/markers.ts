@@ -1,12 +1,13 @@
-/** Cameras in the scene: where each stood, which way it looked, and which of them is under the pointer. */
+/** Cameras and points in the scene: where each is, which way a camera looked, and which of them is under the pointer. */
 
 import { type Camera, Vector3 as V3 } from "three";
 
 import type { Vector3 } from "../api/types.ts";
-import type { Place3 } from "./frames.ts";
+import type { Rotation } from "./frames.ts";
 
 export interface Marker {
-  place: Place3;
+  /** rotation: null for a point, which looks nowhere. */
+  place: { position: Vector3; rotation: Rotation | null };
   /** A number that whoever made the marker knows it by. */
   index: number;
   isChosen: boolean;

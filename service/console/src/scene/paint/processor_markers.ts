@@ -2,11 +2,13 @@
 
 import { type PerspectiveCamera, Vector3 as V3 } from "three";
 
+import type { Vector3 } from "../../api/types.ts";
 import { applied } from "../frames.ts";
 import { MARKER_SIZE, type Marker, NEAREST_M } from "../markers.ts";
 import type { StageColors } from "./painter.ts";
 
 const START_PX = 2.5;
+const NOWHERE: Vector3 = [0, 0, 0];
 
 /** Draw starts, (n, 3) in the world of the renderer; scale: pixels of the canvas per pixel of the page. */
 export function drawStarts(context: CanvasRenderingContext2D, positions: Float32Array, camera: PerspectiveCamera, color: string, scale: number): void {
@@ -26,7 +28,7 @@ export function drawStarts(context: CanvasRenderingContext2D, positions: Float32
   context.globalAlpha = 1;
 }
 
-/** Draw cameras; isInside: but for the one in whose place the viewer stands. */
+/** Draw cameras and points; isInside: but for the one in whose place the viewer stands. */
 export function drawMarkers(context: CanvasRenderingContext2D, markers: Marker[], camera: PerspectiveCamera, isInside: boolean, colors: StageColors): void {
   const { width, height } = context.canvas;
   const pixels = (at: V3): [number, number] => [((at.x + 1) / 2) * width, ((1 - at.y) / 2) * height];
@@ -39,8 +41,8 @@ export function drawMarkers(context: CanvasRenderingContext2D, markers: Marker[]
     if (seen.z > 1 || (isInside && distance < NEAREST_M)) continue;
     const radius = (MARKER_SIZE * height) / 2;
     const [x, y] = pixels(seen);
-    const ahead = new V3(...applied(marker.place.rotation, [1, 0, 0])).multiplyScalar(3.4 * MARKER_SIZE * tanHalf * distance);
-    const tip = at.add(ahead).project(camera);
+    const ahead = new V3(...(marker.place.rotation ? applied(marker.place.rotation, [1, 0, 0]) : NOWHERE));
+    const tip = at.add(ahead.multiplyScalar(3.4 * MARKER_SIZE * tanHalf * distance)).project(camera);
     const [tipX, tipY] = pixels(tip);
     disc(context, x, y, radius * (marker.isChosen ? 1.45 : 1.2), colors.rim);
     context.fillStyle = marker.isUnsure ? colors.unsure : colors.accent;

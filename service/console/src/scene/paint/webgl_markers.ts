@@ -1,4 +1,4 @@
-/** Cameras in WebGL: a dot where each stood, an arrow the way it looked, on top of the points. */
+/** Cameras and points in WebGL: a dot where each is, an arrow the way a camera looked, on top of the scan. */
 
 import { Color, ConeGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 as V3 } from "three";
 import type { Camera } from "three";
@@ -25,12 +25,15 @@ export class WebglMarkers {
       rim.scale.setScalar(marker.isChosen ? 1.45 : 1.2);
       const dot = new Mesh(this.sphere, new MeshBasicMaterial({ color, depthTest: false }));
       dot.scale.setScalar(marker.isChosen ? 1.1 : 0.85);
-      const arrow = new Mesh(this.arrow, new MeshBasicMaterial({ color, depthTest: false }));
-      const ahead = applied(marker.place.rotation, [1, 0, 0]);
-      arrow.quaternion.setFromUnitVectors(new V3(0, 1, 0), new V3(...ahead));
       rim.renderOrder = 20;
-      dot.renderOrder = arrow.renderOrder = 21;
-      each.add(rim, dot, arrow);
+      dot.renderOrder = 21;
+      each.add(rim, dot);
+      if (marker.place.rotation) {
+        const arrow = new Mesh(this.arrow, dot.material);
+        arrow.quaternion.setFromUnitVectors(new V3(0, 1, 0), new V3(...applied(marker.place.rotation, [1, 0, 0])));
+        arrow.renderOrder = 21;
+        each.add(arrow);
+      }
       each.position.set(...marker.place.position);
       this.object.add(each);
     }
