@@ -50,7 +50,9 @@ def test_a_heic_has_the_pixels_and_the_camera_of_its_jpeg(focal_mm: int, orienta
         lambda: heic(PIXELS) + b"MotionPhoto_Data" + VIDEO,
         lambda: encoded(PIXELS, "JPEG", quality=97) + VIDEO,
         lambda: encoded(PIXELS, "AVIF", quality=95),
-        lambda: encoded(PIXELS, "AVIF", quality=95, save_all=True, append_images=[Image.fromarray(picture(480, 320, seed=1))]),
+        lambda: encoded(
+            PIXELS, "AVIF", quality=95, save_all=True, append_images=[Image.fromarray(picture(480, 320, seed=1))]
+        ),
     ],
     ids=["10 bit", "two images", "Google's motion", "Samsung's motion", "JPEG with motion", "AVIF", "AVIF sequence"],
 )
