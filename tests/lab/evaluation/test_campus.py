@@ -46,8 +46,7 @@ def test_wrong_answers_and_those_that_are_too_sure_of_a_twin_are_counted(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_panorama_of_a_changed_room_is_found_among_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("panoloc.lab.evaluation.campus._POINTS", 20_000)
+def test_a_panorama_of_a_changed_room_is_found_among_rooms(tmp_path: Path) -> None:
     campus = Campus(tmp_path, 2)
     for number in range(campus.num_maps):
         campus.build(number)
