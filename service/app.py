@@ -18,7 +18,7 @@ from panoloc.service.http.idempotency import Idempotency
 from panoloc.service.http.openapi import install_openapi
 from panoloc.service.http.request_context import RecentErrors, RequestContext
 from panoloc.service.http.responses import Compression, NotModified
-from panoloc.service.http.routes import QUERY_ROUTES, ROUTERS
+from panoloc.service.http.routes import QUERY_ROUTES, ROUTES
 from panoloc.service.jobs import WorkerPool
 from panoloc.service.services import Services
 from panoloc.service.settings import Settings
@@ -65,7 +65,6 @@ def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = N
         contact={"name": "The operator of this service"},
         servers=[{"url": "/"}],
         openapi_tags=[{"name": name, "description": what} for name, what in _TAGS.items()],
-        generate_unique_id_function=lambda route: route.name,
         lifespan=lifespan,
         openapi_url=None,
     )
@@ -96,7 +95,6 @@ def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = N
     app.add_middleware(Compression)  # beyond what reads problems on their way out
     app.add_middleware(SlowClients, note_refusal=services.metrics.note_refusal)
     install_error_handlers(app)
-    for router in ROUTERS:
-        app.include_router(router)
+    app.router.routes.extend(ROUTES)
     install_openapi(app)
     return app

@@ -144,7 +144,7 @@ def described_histograms(views: RenderedViews, grid: PatchGrid, bins: int, is_la
     weights, parts = views.weights.flatten(1), [views.canonical]
     if not is_labels:
         parts.append(equalize(local_contrast(views.color, views.valid.float()).flatten(1, 2), weights))
-    return torch.cat([soft_histograms(part, weights, patch, len(grid), bins) for part in parts], dim=-1)
+    return soft_histograms(parts, weights, patch, len(grid), bins)
 
 
 def small_pictures(views: RenderedViews, height: int) -> tuple[Tensor, Tensor]:

@@ -54,13 +54,11 @@ class DescribedRig:
             contrast = colors.contrast(windows)[:, seen].T[None]
             parts.append(torch.zeros_like(windows.color))
             parts[1][:, seen] = equalize(contrast, weights[None])[0].T
-        histograms = [
-            soft_histograms(part[:, seen].T[None], weights[None], patch[None], len(self._grid), config.bins)
-            for part in parts
-        ]
+        shown = [part[:, seen].T[None] for part in parts]
+        histograms = soft_histograms(shown, weights[None], patch[None], len(self._grid), config.bins)
         # A patch at the edge of an image counts as much as the image shows of it.
         self._shown = torch.zeros(len(self._grid), device=weights.device).index_add_(0, patch, weights)
-        roots, _ = centered_roots(torch.cat(histograms, dim=-1), self._grid.solid_angles(weights.device))
+        roots, _ = centered_roots(histograms, self._grid.solid_angles(weights.device))
         self._roots = roots[0]
 
     def patches(self, basis: Tensor, halvings: int = 0) -> DescribedPatches:

@@ -39,12 +39,13 @@ def is_running(pid: int) -> bool:
 
 
 def eventually(holds: Callable[[], bool], within_s: float) -> bool:
-    """Poll until it holds."""
-    deadline = time.monotonic() + within_s
+    """Poll until it holds, the more rarely the longer it takes: to ask costs the time of what is waited for."""
+    began = time.monotonic()
     while not holds():
-        if time.monotonic() > deadline:
+        waited_s = time.monotonic() - began
+        if waited_s > within_s:
             return False
-        time.sleep(0.05)
+        time.sleep(min(0.02 + waited_s / 10, 0.4))
     return True
 
 

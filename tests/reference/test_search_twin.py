@@ -39,7 +39,13 @@ def tensor() -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("fast", "slow"), [(hard_histograms, twin.hard_histogram), (soft_histograms, twin.soft_histogram)]
+    ("fast", "slow"),
+    [
+        (hard_histograms, twin.hard_histogram),
+        (lambda color, *more: soft_histograms([color], *more), twin.soft_histogram),
+        (lambda color, *more: soft_histograms([1 - color, color], *more)[..., 4**3 :], twin.soft_histogram),
+    ],
+    ids=["hard", "soft", "soft beside others"],
 )
 def test_histograms_agree_with_counting_pixel_by_pixel(fast: object, slow: object) -> None:
     rng = np.random.default_rng(1)

@@ -1,7 +1,7 @@
 """The paths of the HTTP API, one module per group."""
 
-from fastapi import APIRouter
 from fastapi.routing import APIRoute
+from starlette.routing import BaseRoute
 
 from panoloc.service.http.routes import (
     batches,
@@ -34,7 +34,8 @@ _GROUPS = (
     operations,
     pages,
 )
-ROUTERS: tuple[APIRouter, ...] = tuple(module.router for module in _GROUPS)
+ROUTES: tuple[BaseRoute, ...] = tuple(route for module in _GROUPS for route in module.router.routes)
+"""What an application answers. Routers that it includes would have each route analysed once more, at the first request."""
 
 QUERY_ROUTES: tuple[APIRoute, ...] = tuple(
     route

@@ -5,7 +5,7 @@ import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 
-from fastapi import APIRouter, Depends, Path, Query, Request
+from fastapi import Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from panoloc.core.image.conversion import converted
@@ -17,6 +17,7 @@ from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
 from panoloc.service.http.access import maps_seen, note_change, own_batch, require, while_there
 from panoloc.service.http.openapi import file_response, json_response, nothing_left
 from panoloc.service.http.routes.localize import while_connected
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.batches import Batch
 from panoloc.service.http.schemas.examples import BATCH_EXAMPLE
 from panoloc.service.jobs import Result
@@ -24,7 +25,7 @@ from panoloc.service.maps.record import MapRecord
 from panoloc.service.services import Services, services_of
 
 Made = TypeVar("Made")
-router = APIRouter(tags=["batches"], dependencies=[Depends(require("localize"))])
+router = Router(tags=["batches"], dependencies=[Depends(require("localize"))])
 
 _MapId = Annotated[str | None, Query(description="Only photos placed in this map.", max_length=80)]
 _MAX_IGNORED = 100

@@ -6,7 +6,7 @@ import time
 from contextlib import ExitStack
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import Depends, Query, Request
 from starlette.convertors import StringConvertor, register_url_convertor
 from starlette.responses import JSONResponse, Response
 
@@ -16,6 +16,7 @@ from panoloc.service.errors import InvalidOptionsError, NoPoseError, UploadTooLa
 from panoloc.service.http.access import caller_of, maps_seen, require
 from panoloc.service.http.openapi import files_part, json_body, json_part, multipart
 from panoloc.service.http.routes.localize import QUERY_ERRORS, query_of, while_connected
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.examples import GEOPOSE_REQUEST_EXAMPLE
 from panoloc.service.http.schemas.geopose import (
     CameraReading,
@@ -33,7 +34,7 @@ from panoloc.service.maps.selection import MapChoice, Place, maps_around
 from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
 
-router = APIRouter(tags=["localization"])
+router = Router(tags=["localization"])
 
 _OSCP_TYPE = "application/vnd.oscp+json"
 _ENVELOPE_BYTES = 2**20

@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Depends, Path, Request
+from fastapi import Depends, Path, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.geometry.pose import Pose
@@ -14,6 +14,7 @@ from panoloc.service.http.access import note_change, own_batch, require
 from panoloc.service.http.openapi import json_body, json_response
 from panoloc.service.http.routes.batches import item_document
 from panoloc.service.http.routes.localize import QUERY_ERRORS, while_connected
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.batches import BatchItem
 from panoloc.service.http.schemas.examples import HAND_PLACEMENT_EXAMPLE, HAND_POSE_EXAMPLE
 from panoloc.service.http.schemas.hand_poses import HandPlacement, HandPose
@@ -21,7 +22,7 @@ from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import named_field, parse_json
 from panoloc.service.services import Services, services_of
 
-router = APIRouter(tags=["batches"], dependencies=[Depends(require("localize"))])
+router = Router(tags=["batches"], dependencies=[Depends(require("localize"))])
 _Number = Annotated[int, Path(ge=0, description="`number` of its item.")]
 _PATH = "/batches/{batch_id}/images/{number}/pose"
 

@@ -5,7 +5,7 @@ from collections.abc import Coroutine, Sequence
 from contextlib import ExitStack
 from typing import Any, TypeVar
 
-from fastapi import APIRouter, Depends, Header, Request
+from fastapi import Depends, Header, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
@@ -26,6 +26,7 @@ from panoloc.service.http.openapi import (
 )
 from panoloc.service.http.priors import with_pose_of_prior
 from panoloc.service.http.query_images import query_images
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.examples import (
     LOCALIZATION_EXAMPLE,
     OPTIONS_EXAMPLE,
@@ -42,7 +43,7 @@ from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
 from panoloc.service.settings import Settings
 
-router = APIRouter(tags=["localization"])
+router = Router(tags=["localization"])
 Result = TypeVar("Result")
 QUERY_ERRORS = (400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)
 """Statuses of problems that a query may end in."""

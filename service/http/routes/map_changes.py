@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Path, Query, Request
+from fastapi import Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.options import ReportFormat
 from panoloc.service.errors import ObjectNotFoundError
 from panoloc.service.http.access import caller_of, maps_seen, require, while_there
 from panoloc.service.http.openapi import file_response, json_response
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.changes import MapChanges
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from panoloc.service.jobs import MapRef
@@ -20,7 +21,7 @@ from panoloc.service.maps.record import MapRecord, place_on_earth
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.services import Services, services_of
 
-router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
+router = Router(tags=["maps"], dependencies=[Depends(require("read"))])
 
 _ERRORS = (401, 403, 404, 409, 422)
 _MEDIA_TYPES: dict[ReportFormat, str] = {

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, Literal, TypeVar
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import Depends, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.http.access import maps_seen, require
 from panoloc.service.http.openapi import file_response, json_response
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.coordinates import Coordinates, coordinates_of
 from panoloc.service.http.schemas.examples import COORDINATES_EXAMPLE
 from panoloc.service.http.schemas.known_map import MapStarts
@@ -23,7 +24,7 @@ from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
 from panoloc.service.storage import Storage
 
-router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
+router = Router(tags=["maps"], dependencies=[Depends(require("read"))])
 
 Found = TypeVar("Found")
 _Metres = Annotated[float, Query(description="Metres in the map's own frame.", ge=-1e8, le=1e8, allow_inf_nan=False)]

@@ -4,11 +4,12 @@ import asyncio
 import io
 
 import segno
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.http.access import note_change, own_map, require
 from panoloc.service.http.openapi import json_body, json_response
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.examples import LINK_EXAMPLE
 from panoloc.service.http.schemas.maps import LinkRequest, MapLink
 from panoloc.service.http.uploads import read_body
@@ -17,7 +18,7 @@ from panoloc.service.keys.caller import Scope
 from panoloc.service.maps.record import MapRecord
 from panoloc.service.services import services_of
 
-router = APIRouter(tags=["maps"])
+router = Router(tags=["maps"])
 
 # Phones fetch the map, and localize in it.
 _SCOPES: tuple[Scope, ...] = ("read", "localize")

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import structlog
-from fastapi import APIRouter, Depends, Header, Query, Request
+from fastapi import Depends, Header, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
@@ -14,6 +14,7 @@ from panoloc.service.http.access import caller_of, maps_seen, note_change, own_m
 from panoloc.service.http.openapi import json_body, json_response, nothing_left
 from panoloc.service.http.routes.map_links import end_links
 from panoloc.service.http.routes.new_scans import read_again
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.examples import MAP_EXAMPLE
 from panoloc.service.http.schemas.known_map import Map, MapPage
 from panoloc.service.http.schemas.maps import MapPatch
@@ -24,7 +25,7 @@ from panoloc.service.maps.reading import is_read_otherwise, wanted_reading, with
 from panoloc.service.maps.record import MapRecord, map_document
 from panoloc.service.services import Services, services_of
 
-router = APIRouter(tags=["maps"])
+router = Router(tags=["maps"])
 _log = structlog.get_logger(__name__)
 _LAST_PROGRESS = 0.99
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.image.image_header import KNOWN_FORMATS
@@ -24,6 +24,7 @@ from panoloc.service.http.openapi import (
 )
 from panoloc.service.http.routes.batches import batch_document, batch_overview
 from panoloc.service.http.routes.localize import MAP_PARTS, OPTION_RULES, checked_options, maps_of
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.batches import Batch, BatchOptions, BatchOverview, BatchPage, BatchPatch
 from panoloc.service.http.schemas.examples import BATCH_OVERVIEW_EXAMPLE, BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE
 from panoloc.service.http.schemas.maps import name_of_file
@@ -35,7 +36,7 @@ from panoloc.service.services import Services, services_of
 from panoloc.service.settings import Settings
 from panoloc.service.storage.disk import disk_errors
 
-router = APIRouter(tags=["batches"])
+router = Router(tags=["batches"])
 
 _RETRY_AFTER_S = 1
 # So many images of a batch may be as large as one may be; photos are mostly a tenth of that.

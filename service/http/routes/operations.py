@@ -5,7 +5,7 @@ import time
 from importlib.metadata import version
 from typing import Any
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.responses import JSONResponse, Response
 
@@ -13,11 +13,12 @@ from panoloc.service.errors import CacheDownError, StorageAwayError, StorageFull
 from panoloc.service.http.access import caller_of, require
 from panoloc.service.http.error_handlers import plain_problem_response
 from panoloc.service.http.openapi import file_response
+from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.operations import Health, Liveness, PoolHealth, Readiness
 from panoloc.service.problems import HTTP_PROBLEMS, error_responses, known_problems
 from panoloc.service.services import Services, services_of
 
-router = APIRouter(tags=["operations"])
+router = Router(tags=["operations"])
 
 _RETRY_AFTER_S = 2
 _OPEN: dict[str, Any] = {"security": []}  # to callers without a key

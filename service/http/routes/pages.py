@@ -7,14 +7,15 @@ The pages ask for no key: they fetch what they show with the key that their user
 import re
 from pathlib import Path
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
 
 from panoloc.service.http.access import require
 from panoloc.service.http.api_page import HEADERS, api_page
+from panoloc.service.http.routes.router import Router
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 BUILT = Path(__file__).parents[2] / "console" / "built"
 _ASSET = re.compile(r"[\w-]+\.(?P<suffix>js|css|svg)")

@@ -29,7 +29,6 @@ SESSION = session_of(TWO)
 RIG = rig_pose(SESSION)
 HEIGHT = 64
 PHOTOS = RigPyramid(SESSION, 256, None, "cpu")
-CLOUD = map_of(BOX).render_cloud
 
 
 def pyramid_of(rig: Rig) -> RigPyramid:
@@ -82,7 +81,7 @@ def from_starts(
     starts, numbers = torch.tensor([5, 9]), torch.tensor(rows)
     look, views = look_directions(pyramid, 300, 5.0, 22.5), views_from_starts(map_of(BOX), starts, HEIGHT)
     at = rotations.expand(len(rows), 3, 3), map_of(BOX).starts[starts[numbers]]
-    return points_seen_from_starts(pyramid, CLOUD, views, numbers, *at, look, coarse, contrast_share)
+    return points_seen_from_starts(pyramid, map_of(BOX).render_cloud, views, numbers, *at, look, coarse, contrast_share)
 
 
 @pytest.mark.parametrize("query", ["photos", "panorama"])
@@ -152,8 +151,8 @@ def test_points_of_a_pose_have_the_colours_that_were_compared_mixed_with_contras
     pyramid, pose = (PHOTOS, RIG) if query == "photos" else (pyramid_of(rig_of(panorama())), POSE)
     rotations, positions = at = tensors_of(pose)
     view, look = RigView(pyramid, 8.0), look_directions(pyramid, 300, 0.0, 15.0)
-    compared = view.compare(CLOUD, *at, HEIGHT)
-    found = points_seen_from_poses(view, CLOUD, compared, *at, look, share)
+    compared = view.compare(map_of(BOX).render_cloud, *at, HEIGHT)
+    found = points_seen_from_poses(view, map_of(BOX).render_cloud, compared, *at, look, share)
     assert torch.equal(found.sums.patches, look.patches)
     seen = found.weights[0] > 0
     assert set(found.weights[0].tolist()) == {0.0, 1.0}

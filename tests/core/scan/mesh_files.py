@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -76,6 +75,8 @@ def y_up(points: Array) -> Array:
 
 def glb_of(box: PaintedBox) -> bytes:
     """Return a GLB by trimesh: each wall a node of its own that is turned and moved."""
+    import trimesh  # which takes half a second, in every process that only collects these tests
+
     scene = trimesh.Scene()
     for number, wall in enumerate(walls_of(box)):
         placed = trimesh.transformations.rotation_matrix(0.4 * number, [1, 2, 3], [0.3, number, 1])

@@ -89,8 +89,8 @@ def test_a_panorama_is_described_as_the_views_of_a_map_are(labels: bool) -> None
     patch, flat = GRID.patch_of_pixel(16, 32).flatten()[None], solid.flatten()[None]
     canonical = windows.inside(colors.equalized(windows))[0].flatten(1).T[None]
     contrast = equalize(windows.inside(colors.contrast(windows))[0].flatten(1).T[None], flat)
-    histograms = [soft_histograms(part, flat, patch, 32, COARSE.bins) for part in (canonical, contrast)]
-    roots, weights = centered_roots(torch.cat(histograms[: 1 if labels else 2], -1), GRID.solid_angles())
+    shown = [canonical] if labels else [canonical, contrast]
+    roots, weights = centered_roots(soft_histograms(shown, flat, patch, 32, COARSE.bins), GRID.solid_angles())
     found = described.patches(torch.eye(roots.shape[-1]))
     assert found.numbers.tolist() == list(range(4, 32))  # all but the masked ones
     torch.testing.assert_close(found.values, roots[0, 4:], atol=2e-4, rtol=1e-3)

@@ -83,7 +83,8 @@ def test_the_code_of_the_page_passes_mypy_and_a_pose_without_a_look_at_the_statu
     wrong.write_text("\n".join([*blocks, "answer.pose.frame", "answer.position", "place['id']"]), encoding="utf-8")
     said = checked(page, wrong)
     assert [re.sub(r"^.*\[|\]$", "", line) for line in said] == ["union-attr"] * 4 + ["index"], said
-    assert all(line.startswith(str(wrong)) for line in said)
+    # Of a file that it knows, mypy tells the folder of an earlier run.
+    assert {Path(line.partition(":")[0]).name for line in said} == {wrong.name}
 
 
 def checked(*files: Path) -> list[str]:
