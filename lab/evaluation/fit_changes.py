@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.evidence import photo_evidence
-from panoloc.core.changes.network import CELL, MULTIPLE, OUTPUTS, WEIGHTS, VoxelNetwork, write_weights
+from panoloc.core.changes.network import CELL, MULTIPLE, OUTPUTS, WEIGHTS, VoxelNetwork, fitted_network, write_weights
 from panoloc.core.changes.voxels import COLOR_FEATURES, VoxelGrid, voxel_features
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
@@ -44,6 +44,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--rooms", type=int, default=800)
     parser.add_argument("--steps", type=int, default=3600)
+    parser.add_argument("--begin", type=Path, help="weights to begin with, of an earlier fit; by default random ones")
     parser.add_argument(
         "--weights", type=Path, default=WEIGHTS, help="where to write them; those of the package by default"
     )
@@ -54,7 +55,9 @@ def main(arguments: Sequence[str]) -> int:
         if not path.exists():
             features, targets = described_room(seed)
             np.savez(path, features=features, targets=targets)
-    write_weights(fitted(sorted(given.folder.glob("*.npz")), given.steps), given.weights)
+    network = _unfitted() if given.begin is None else fitted_network(given.begin)
+    fit(network, sorted(given.folder.glob("*.npz")), given.steps, seed=int(given.begin is not None))
+    write_weights(network, given.weights)
     return 0
 
 
@@ -127,12 +130,12 @@ def _filled(shell: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inside
 
 
-def fitted(paths: Sequence[Path], steps: int) -> VoxelNetwork:
-    """Return the network fitted on rooms."""
-    torch.manual_seed(0)
-    rng = np.random.default_rng(0)
+def fit(network: VoxelNetwork, paths: Sequence[Path], steps: int, seed: int) -> None:
+    """Fit a network on rooms, whose crops are drawn by the seed."""
+    rng = np.random.default_rng(seed)
     rooms = [_read(path) for path in paths]
-    network = _unfitted()
+    nn.Module.to(network, memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
+    network.train()
     optimizer = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=1e-2)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _RATE, steps, pct_start=0.1)
     for step in range(1, steps + 1):
@@ -148,12 +151,12 @@ def fitted(paths: Sequence[Path], steps: int) -> VoxelNetwork:
         schedule.step()
         if step % 100 == 0:
             print(step, f"{loss.item():.3f}", flush=True)
-    return network.eval()
+    network.eval()
 
 
 def _unfitted() -> VoxelNetwork:
+    torch.manual_seed(0)
     network = VoxelNetwork()
-    nn.Module.to(network, memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
     for module in network.modules():
         if isinstance(module, nn.Conv3d):
             nn.init.kaiming_normal_(module.weight, nonlinearity="relu")

@@ -13,8 +13,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 BUILT = "service/console/built"
 ROS2 = "clients/ros2/panoloc_ros2/"
-# The compiler with an empty file in place of each source.
+# The compiler with an empty file in place of each source, once all that the source includes was found.
 _COMPILES_NOTHING = """#!/bin/sh
+case "$*" in *.cpp*) c++ "$@" -E || exit ;; esac
 for each; do
   shift
   case $each in *.cpp) set -- "$@" -x c++ /dev/null ;; *) set -- "$@" "$each" ;; esac
