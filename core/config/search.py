@@ -31,15 +31,17 @@ class SearchConfig:
     sweep_places: int = 3  # on each side of the cube around a start
     swept_closer: int = 24
     # What a round proposes.
-    num_candidates: int = 32
+    num_candidates: int = 32  # of which a quarter is looked at first
     pool: int = 2500  # poses that candidates are chosen from
-    first_portion: int = 9  # are looked at first
     # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a few, and
-    # then the others where no answer is sure; by rigs that show little all at once.
+    # then the others where there is no answer; by rigs that show little all at once.
     first_maps: int = 8
     most_maps: int = 64
-    # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
-    reach_m: float = 0.75
+
+    @property
+    def narrow_share(self) -> float:
+        """Return the share of the sphere below which rigs are looked at more closely."""
+        return self.wide_share / 2
 
     def halvings(self, is_wide: bool) -> int:
         """Return how often patches are pooled, two by two a side, that a rig is described by."""

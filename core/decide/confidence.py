@@ -16,6 +16,7 @@ import torch
 from panoloc.core.config import DISTANCES
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.refine.halves import NOWHERE
 
 _USUALLY_APART = 7.0  # times the formal radius, halves of images whose pose is right; half of them are farther apart
 _GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other
@@ -23,7 +24,6 @@ _FAR_AHEAD = 0.5  # of the score; places that are farther behind say nothing mor
 # Of what was not measured: the logarithm of how many times nearer than what is right halves meet; and how well lines
 # agree that are not asked.
 _UNKNOWN_HALVES, _UNKNOWN_LINES = 1.0, 0.8
-_BLIND = 10.0, 180.0  # formal radii, metres and degrees, where nothing is known
 _LEAST_LOGARITHM, _MOST_LOGARITHM = -1.0, 7.0
 FEATURES = (
     "agreement",
@@ -150,7 +150,7 @@ def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
     if hypothesis.hessian is None:
         return None
     if float(hypothesis.hessian.diagonal().sum()) <= 0:
-        return _BLIND  # nothing of the images agrees, which is no agreement
+        return NOWHERE[0], math.degrees(NOWHERE[1])  # nothing of the images agrees, which is no agreement
     hessian = hypothesis.hessian
     covariance = torch.linalg.pinv(hessian + 1e-9 * torch.eye(6, dtype=torch.float64)) * hypothesis.residual_scale**2
     diagonal = torch.diagonal(covariance).clamp_min(0)

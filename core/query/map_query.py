@@ -105,7 +105,7 @@ class MapQuery:
         look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, 2 * self.config.descriptors.patch_deg)
         numbers = rig.numbers_of([rows[h.start] for h in group])
         return points_seen_from_starts(
-            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.coarse_contrast
+            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.contrast
         )
 
     def points_from_poses(
@@ -126,7 +126,7 @@ class MapQuery:
 
 def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, config: LocalizerConfig) -> list[MapQuery]:
     """Prepare a rig for each map. Raises OptionsError for hints out of range."""
-    limits = [within_reach(pose_limits(hints, index), index, config.search.reach_m) for index in maps]
+    limits = [within_reach(pose_limits(hints, index), index) for index in maps]
     shared: PreparedRig | None = None
     queries = []
     for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):

@@ -38,7 +38,7 @@ class Proposed:
 
 
 def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> list[Round]:
-    """Return the rounds that a query takes one after the other, until an answer is sure.
+    """Return the rounds that a query takes one after the other, until there is an answer.
 
     Where a rig covers little of the sphere, first the poses that cameras held level leave, and of these the ones that lines agree with,
     where there are any to ask.
@@ -58,8 +58,9 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
     found = search_maps([query.search for query in queries], searched.limits, searched.by_lines, config)
     best = _best(queries, found, config.num_candidates)
     scores = [float(part.candidates.scores.max()) for part in found if len(part.candidates)]
+    first = config.num_candidates // 4
     return Proposed(
-        [part for part in (best[: config.first_portion], best[config.first_portion :]) if part],
+        [part for part in (best[:first], best[first:]) if part],
         max(scores, default=0.0),
         sum(part.num_starts for part in found),
         sum(part.num_poses for part in found),
