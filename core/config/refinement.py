@@ -40,11 +40,8 @@ class MediumRound:
 class RefinementConfig:
     """Refinement coarse to fine (see `panoloc.core.query.refinement`). Iterations: at most; rows: of a sphere."""
 
-    # Coarse, on what starts see, at half the rows of a view and at all of them: points, of what a rig shows that covers `coarse_share` or
-    # less, more of others; around what images show, likewise dense, a margin that poses may turn.
-    coarse_points: int = 400
-    coarse_share: float = 0.085
-    most_coarse_points: int = 1600
+    # Coarse, on what starts see, at the rows of a view: points of what a rig shows; around it, as dense, a margin that poses may turn.
+    coarse_points: int = 800
     coarse_margin_deg: float = 35.0
     coarse_step: StepConfig = StepConfig(damping=0.1, max_step_m=0.3, robust_scale=2.0)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light; half of it in medium rounds, and
@@ -69,11 +66,7 @@ class RefinementConfig:
     # room of 3,000 points poses are off by centimetres and not answered without.
     least_filled: float = 0.1
     step: StepConfig = StepConfig()
-    iterations: int = 6  # twice as many of the coarse levels
+    iterations: int = 6  # twice as many of the coarse stage
     stop: StoppingRule = StoppingRule()
     # Of the points, by which halves of a picture are refined apart: with a quarter those of right poses end twice as far apart.
     halves_every: int = 2
-
-    def coarse_points_of(self, share: float) -> int:
-        """Return how many points are aligned on what starts see, of a rig that covers a `share` of the sphere."""
-        return min(self.most_coarse_points, round(max(1.0, share / self.coarse_share) * self.coarse_points))

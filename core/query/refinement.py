@@ -27,16 +27,12 @@ class Refinement:
         self._within = limits.nearest_rotations if limits.bounds_tilts else None
 
     def coarse(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine on what the starts see, at half the rows of a view and at all of them."""
+        """Refine on what the starts see."""
         sizes, refined = self.config.refinement, []
         for rig, group in by_colors(self.queries, hypotheses):
-            for half in (True, False):
-                level = rig.colors.level(
-                    self.config.descriptors.view_height // (2 if half else 1), sizes.contrast, blur=half
-                )
-                parts = [self.queries[number].points_from_starts(part, half) for number, part in by_map(group)]
-                group = self._refine(level, joined(parts), group, 2 * sizes.iterations, sizes.coarse_step, sizes.stop)
-            refined += group
+            level = rig.colors.level(self.config.descriptors.view_height, sizes.contrast)
+            points = joined([self.queries[number].points_from_starts(part) for number, part in by_map(group)])
+            refined += self._refine(level, points, group, 2 * sizes.iterations, sizes.coarse_step, sizes.stop)
         return refined
 
     def medium(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
