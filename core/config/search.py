@@ -15,17 +15,15 @@ class SearchConfig:
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
     kept_starts: int = 128  # never fewer
     # The poses that patches like best are scored again by pixels, all together so many.
-    rescored_pixels: int = 1_000_000
-    few_rescored_pixels: int = 300_000  # of wide rigs, where lines leave few rotations, and of each translation grid
-    histogram_weight: float = 0.04  # of the score by patches, added to that by pixels (docs/experiments.md)
+    rescored_pixels: int = 300_000  # and those of each translation grid
+    histogram_weight: float = (
+        0.04  # of the score by patches, added to that by pixels (docs/experiments.md); twice that with lines
+    )
     # People hold cameras level: poses tilted no more than this are searched first.
     level_tilt_deg: float = 18.0
-    # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, these are
-    # searched first, those of them that are so far apart; of their poses a pool is scored by patches, and the best again by pixels.
-    line_rotations: int = 294_912
+    # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations those are searched first that are no
+    # neighbours; of their poses a pool is scored by patches, and the best again by pixels.
     likely_rotations: int = 200
-    likely_apart_deg: float = 4.0
-    likely_histogram_weight: float = 0.08
     # The best of these are scored once more at places around their starts (see `panoloc.core.search.position_sweep`), and the first of them
     # on finer pictures at places around those; all places together have so many pixels.
     sweep_places: int = 3  # on each side of the cube around a start
@@ -37,6 +35,11 @@ class SearchConfig:
     # then the others where there is no answer; by rigs that show little all at once.
     first_maps: int = 8
     most_maps: int = 64
+
+    @property
+    def line_rotations(self) -> int:
+        """Return of how many rotations, 3.5 degrees apart, lines choose: a third as far apart as those that are searched without lines."""
+        return 32 * self.rotations
 
     @property
     def narrow_share(self) -> float:

@@ -32,25 +32,24 @@ class Refinement:
         for rig, group in by_colors(self.queries, hypotheses):
             level = rig.colors.level(self.config.descriptors.view_height, sizes.contrast)
             points = joined([self.queries[number].points_from_starts(part) for number, part in by_map(group)])
-            refined += self._refine(level, points, group, 2 * sizes.iterations, sizes.coarse_step, sizes.stop)
+            refined += self._refine(level, points, group, 2 * sizes.iterations, sizes.robust_step, sizes.stop)
         return refined
 
     def medium(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine on points that the poses themselves see, found anew in each round."""
-        sizes, refined = self.config.refinement, []
+        """Refine on points that the poses themselves see, found anew in each of two rounds."""
+        sizes, described, refined = self.config.refinement, self.config.descriptors, []
         for rig, group in by_colors(self.queries, hypotheses):
-            for planned in sizes.medium_rounds:
+            # At first, while poses may be off, what has changed loses its vote.
+            for finer, step in ((1, sizes.robust_step), (2, sizes.step)):
+                patch_deg = 2 * described.patch_deg / finer
                 parts = []
                 for number, part in by_map(group):
                     query = self.queries[number]
                     comparison = query.compare(part, rig.rows, with_points=True)
                     parts.append(
-                        query.points_from_poses(
-                            part, comparison, sizes.medium_points, planned.patch_deg, sizes.contrast / 2
-                        )
+                        query.points_from_poses(part, comparison, sizes.medium_points, patch_deg, sizes.contrast / 2)
                     )
-                level = rig.colors.level(planned.rows, sizes.contrast / 2)
-                step = replace(sizes.step, robust_scale=planned.robust_scale)
+                level = rig.colors.level(finer * described.view_height, sizes.contrast / 2)
                 group = self._refine(level, joined(parts), group, sizes.iterations, step, sizes.stop)
             refined += group
         return refined
@@ -61,12 +60,11 @@ class Refinement:
         sizes, rig = self.config.refinement, query.rig
         comparison = self._seen_from(query, hypothesis)
         tables = None if comparison.tables is None else comparison.tables[0]
-        for doubled, count in ((1, sizes.fine_points), (2, sizes.finest_points)):
-            points = query.points_from_poses(
-                [hypothesis], comparison, count, self.config.descriptors.patch_deg, sizes.contrast / 4
-            )
-            level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.contrast / 4)
-            (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
+        points = query.points_from_poses(
+            [hypothesis], comparison, sizes.fine_points, self.config.descriptors.patch_deg, sizes.contrast / 4
+        )
+        level = rig.colors.level_with(tables, 2 * rig.finer * sizes.fine_rows, sizes.contrast / 4)
+        (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
         # How sharp the loss of the images is there, limits aside, says how far off the pose may be.
         (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None, is_free=True)
         beyond = self.queries[0].limits.beyond(there.rotation)
@@ -80,12 +78,11 @@ class Refinement:
 
     def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: PointPlanes) -> Hypothesis:
         """Return a hypothesis that was refined fully, with how far apart the halves of the picture end from there among its measures."""
-        sizes = self.config.refinement
-        level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.contrast / 2)
+        sizes, described = self.config.refinement, self.config.descriptors
+        level = query.rig.colors.level(2 * described.view_height, sizes.contrast / 2)
         focals = query.rig.log_focals([hypothesis])
-        some = points.thinned(sizes.halves_every)
         apart = halves_apart(
-            level, some, hypothesis.rotation, hypothesis.position, focals, self.config.descriptors.patch_deg, sizes
+            level, points, hypothesis.rotation, hypothesis.position, focals, described.patch_deg, sizes
         )
         distance, angle = apart.tolist()
         measures = {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)}

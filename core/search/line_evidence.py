@@ -39,10 +39,11 @@ class LineEvidence:
         return 1 - ((self.of_rotations(rotations) - self._by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
 
     def likely_rotations(self, rotations: Tensor, limits: PoseLimits, config: SearchConfig) -> Tensor:
-        """Return those of rotations (R, 3, 3) within the limits that edges agree with best (L, 3, 3), some degrees apart."""
-        allowed = rotations[limits.allows_rotation(rotations, rotation_spacing(len(rotations)) / 2)]
+        """Return those of rotations (R, 3, 3) within the limits that edges agree with best (L, 3, 3), no neighbours."""
+        spacing = rotation_spacing(len(rotations))
+        allowed = rotations[limits.allows_rotation(rotations, spacing / 2)]
         count = min(len(allowed), config.likely_rotations)
         best = allowed[self.of_rotations(allowed).topk(count).indices]
-        apart = PoseDistance(1.0, config.likely_apart_deg)
+        apart = PoseDistance(1.0, math.degrees(spacing))
         distinct = first_distinct(best, torch.zeros_like(best[:, 0]), apart)
         return best[torch.tensor(distinct, dtype=torch.long, device=best.device)]
