@@ -86,9 +86,9 @@ def test_integers_stay_whole_and_above_nothing_and_shares_stay_shares() -> None:
     assert len({method.digest for method in varied}) == len({method.name for method in varied}) == len(varied)
     assert PARAMETERS["focal.stated"].half is not None
     assert PARAMETERS["focal.stated"].double is None
-    base = compared_method("one=fast:refinement.fine_candidates=1,search.first_maps=3")
-    one, three = parameters_like(base, ["refinement.fine_candidates", "search.first_maps"])[::-1]
-    assert (one.name, one.half) == ("refinement.fine_candidates", None)
+    base = compared_method("one=fast:lines.squares=1,search.first_maps=3")
+    one, three = parameters_like(base, ["lines.squares", "search.first_maps"])[::-1]
+    assert (one.name, one.half) == ("lines.squares", None)
     assert three.half is not None
     assert three.half.config.search.first_maps == 2
 
