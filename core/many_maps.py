@@ -88,7 +88,7 @@ def localize_among(
         portions = [few, most] if is_telling else [most]
     found: Localization | None = None
     for first, last in pairwise([0, *portions]):
-        if found is not None and found.status != "not_localized":
+        if found is not None and _is_sure(found, localizer.config.judge.sure):
             break
         # What is found in other maps has to be better than what was.
         numbers = [*ranked[first:last], *(() if found is None else _places(found))]
@@ -161,6 +161,12 @@ def _better(before: Localization | None, now: Localization) -> Localization:
     if before is None or before.best is None or before.best.map_position in _places(now):
         return now
     return now if now.best is not None and now.best.confidence >= before.best.confidence else before
+
+
+def _is_sure(found: Localization, sure: float) -> bool:
+    """Return whether an answer is so sure, of one pose or of two that are equal, that nothing is gained by looking at less likely maps."""
+    confidence = 0.0 if found.best is None else found.best.confidence
+    return confidence >= {"localized": sure, "ambiguous": sure / 2}.get(found.status, math.inf)
 
 
 def _left_out(searched: int, num_maps: int) -> Remark:

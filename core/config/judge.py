@@ -21,6 +21,7 @@ class JudgeConfig:
     # Images whose edges are together shorter than this show a plain wall. Of 127 photos of rooms the barest had 131 degrees, of 16 walls in
     # soft light, with and without grain, the richest 46; 20 degrees of a photo had 75 and were put elsewhere.
     least_edges_deg: float = 90.0
+    sure: float = 0.8  # an answer that is this sure ends the search
     agreement: float = 0.45  # correlation from which on a patch agrees, or an image surely shows what is there
 
 

@@ -43,7 +43,7 @@ class RefinementConfig:
     margin_deg: float = 8.0
     margin: float = 0.35  # of the best score; candidates further behind it never won
     medium_points: int = 2048
-    # Fine, at full resolution: renderings of so many rows, images of twice as many, and of rigs that cover little of four times.
+    # Fine, on images of so many rows and of twice as many; of rigs that cover little at twice these rows.
     fine_rows: int = 256
     fine_points: int = 12_000
     # Of the rendering that finds the points seen at full resolution; half where points fall into less than this share of the pixels: in a

@@ -13,7 +13,6 @@ class SearchConfig:
     # pass by patches twice as large again discards most starts.
     wide_share: float = 0.6
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
-    kept_starts: int = 128  # never fewer
     # The poses that patches like best are scored again by pixels, all together so many.
     rescored_pixels: int = 300_000  # and those of each translation grid
     histogram_weight: float = (
@@ -32,7 +31,7 @@ class SearchConfig:
     num_candidates: int = 32  # of which a quarter is looked at first
     pool: int = 2500  # poses that candidates are chosen from
     # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a few, and
-    # then the others where there is no answer; by rigs that show little all at once.
+    # then the others where no answer is sure; by rigs that show little all at once.
     first_maps: int = 8
     most_maps: int = 64
 

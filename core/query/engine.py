@@ -1,8 +1,8 @@
 """The engine. The order of the steps of a query is written here and nowhere else:
 
 prepare → refine and judge where the caller expects the rig
-→ unless that is an answer, or the caller wants nothing else, for each round:
-  propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop with an answer
+→ unless that is sure, or the caller wants nothing else, for each round:
+  propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
 → the same for aliases of the best pose, and for other focal lengths.
 """
 
@@ -12,7 +12,7 @@ from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import MethodResult
-from panoloc.core.decide.verdict import verdict
+from panoloc.core.decide.verdict import Verdict, verdict
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.query.contest import Contest
@@ -62,21 +62,21 @@ class Engine:
         )
 
     def _is_where_expected(self, queries: Sequence[MapQuery], hints: Hints | None, contest: Contest) -> bool:
-        """Return whether there is an answer where the caller expects it, or he wants no other: then nothing is searched."""
+        """Return whether an answer is sure that the caller expects, or he wants no other: then nothing is searched."""
         if hints is None or hints.prior is None or len(queries) != 1:
             return False
         contest.most_margin = self.config.prior.margin
         if hints.prior.is_only:
             contest.add(poses_of_prior(queries[0], hints.prior))
             return True
-        # The last steps take the most time; what fits badly before them is no answer after them.
-        if contest.add_promising(poses_of_prior(queries[0], hints.prior), self.confidence) and self.is_answer(contest):
+        # The last steps take the most time; what fits badly before them is not sure after them.
+        if contest.add_promising(poses_of_prior(queries[0], hints.prior), self.confidence) and self.is_sure(contest):
             return True
         contest.most_margin = None
         return False
 
     def _search(self, queries: Sequence[MapQuery], contest: Contest, clock: StageClock) -> tuple[int, int]:
-        """Take rounds of search until there is an answer; return how many starts there were, and poses scored."""
+        """Take rounds of search until an answer is sure; return how many starts there were, and poses scored."""
         num_starts = num_poses = 0
         with clock.stage("search"):
             rounds = rounds_of(queries, self.config.search)
@@ -86,7 +86,7 @@ class Engine:
             num_starts, num_poses = max(num_starts, found.num_starts), num_poses + found.num_poses
             for portion in found.portions:
                 contest.add(portion)
-                if self.is_answer(contest):
+                if self.is_sure(contest):
                     return num_starts, num_poses
         return num_starts, num_poses
 
@@ -105,8 +105,16 @@ class Engine:
 
         return max(guesses(rig, prior, self.config.focal.step), key=score)
 
+    def _verdict(self, contest: Contest) -> Verdict:
+        return verdict(contest.hypotheses, self.confidence, contest.noise)
+
     def is_answer(self, contest: Contest) -> bool:
-        """Return whether the best of hypotheses would be answered, alone or with its equals: that leaves nothing to search for."""
+        """Return whether the best of hypotheses would be answered, alone or with its equals."""
+        return bool(contest.hypotheses) and self._verdict(contest).status != "not_localized"
+
+    def is_sure(self, contest: Contest) -> bool:
+        """Return whether the best hypothesis leaves nothing to search for."""
         if not contest.hypotheses:
             return False
-        return verdict(contest.hypotheses, self.confidence, contest.noise).status != "not_localized"
+        found = self._verdict(contest)
+        return found.status != "not_localized" and found.together >= self.config.judge.sure

@@ -15,14 +15,13 @@ from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.refinement import joined, refine
 from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
-from panoloc.core.stage_clock import StageClock
 
 
 class Refinement:
     """The steps of refinement of one query."""
 
-    def __init__(self, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
-        self.queries, self.config, self.clock = queries, config, clock
+    def __init__(self, queries: Sequence[MapQuery], config: LocalizerConfig) -> None:
+        self.queries, self.config = queries, config
         limits = queries[0].limits  # of tilts, which are the same in all maps
         self._within = limits.nearest_rotations if limits.bounds_tilts else None
 
@@ -56,15 +55,15 @@ class Refinement:
 
     def fine(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, PointPlanes]:
         """Refine at full resolution, with all points and the colours of this pose alone; return these points as well."""
-        self.clock.check()
         sizes, rig = self.config.refinement, query.rig
         comparison = self._seen_from(query, hypothesis)
         tables = None if comparison.tables is None else comparison.tables[0]
         points = query.points_from_poses(
             [hypothesis], comparison, sizes.fine_points, self.config.descriptors.patch_deg, sizes.contrast / 4
         )
-        level = rig.colors.level_with(tables, 2 * rig.finer * sizes.fine_rows, sizes.contrast / 4)
-        (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
+        for doubled in (1, 2):
+            level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.contrast / 4)
+            (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
         # How sharp the loss of the images is there, limits aside, says how far off the pose may be.
         (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None, is_free=True)
         beyond = self.queries[0].limits.beyond(there.rotation)

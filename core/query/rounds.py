@@ -38,7 +38,7 @@ class Proposed:
 
 
 def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> list[Round]:
-    """Return the rounds that a query takes one after the other, until there is an answer.
+    """Return the rounds that a query takes one after the other, until an answer is sure.
 
     Where a rig covers little of the sphere, first the poses that cameras held level leave, and of these the ones that lines agree with,
     where there are any to ask.
