@@ -58,9 +58,9 @@ class SearchConfig:
 class PriorConfig:
     """A pose that the caller expects (see `panoloc.core.query.rounds.poses_of_prior`)."""
 
-    # Refinement comes back from so far off, metres and degrees of yaw. Where a prior may be farther off, it begins beside it as well.
-    basin: tuple[float, float] = (0.3, 15.0)
-    farthest: tuple[float, float] = (1.0, 40.0)  # beside it
+    # Refinement comes back from as far off as a pose is right. Where a prior may be farther off, it begins beside it as well: metres, and
+    # degrees of yaw, at most.
+    farthest: tuple[float, float] = (1.0, 40.0)
     margin: float = (
         0.3  # nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from panoloc.core.config import SearchConfig
+from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector
@@ -75,9 +75,9 @@ def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
     middle = torch.from_numpy(camera.position - index.origin_offset).to(index.starts) - rotation @ rig.centers[0]
     reach_m, turn_deg = map(min, zip((prior.position_std_m, prior.orientation_std_deg), config.farthest, strict=True))
     moves = [(0.0, 0.0, 0.0)]
-    if reach_m > config.basin[0]:
+    if reach_m > DISTANCES.right.distance_m:
         moves += [(reach_m, 0.0, 0.0), (-reach_m, 0.0, 0.0), (0.0, reach_m, 0.0), (0.0, -reach_m, 0.0)]
-    if turn_deg > config.basin[1]:
+    if turn_deg > DISTANCES.right.angle_deg:
         moves += [(0.0, 0.0, math.radians(turn_deg)), (0.0, 0.0, -math.radians(turn_deg))]
     poses = []
     for x, y, yaw in moves:
