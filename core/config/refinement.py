@@ -28,21 +28,38 @@ class StepConfig:
 
 
 @dataclass(frozen=True)
+class MediumRound:
+    """One of the rounds between coarse and fine: rows of the level, degrees that a patch is high and wide, and robust scale."""
+
+    rows: int
+    patch_deg: float
+    robust_scale: float | None
+
+
+@dataclass(frozen=True)
 class RefinementConfig:
     """Refinement coarse to fine (see `panoloc.core.query.refinement`). Iterations: at most; rows: of a sphere."""
 
-    # Coarse, on what starts see, at the rows of a view: points of what a rig shows; around it, as dense, a margin that poses may turn.
-    coarse_points: int = 800
+    # Coarse, on what starts see, at half the rows of a view and at all of them: points, of what a rig shows that covers `coarse_share` or
+    # less, more of others; around what images show, likewise dense, a margin that poses may turn.
+    coarse_points: int = 400
+    coarse_share: float = 0.085
+    most_coarse_points: int = 1600
     coarse_margin_deg: float = 35.0
-    robust_step: StepConfig = StepConfig(max_step_m=0.3, robust_scale=2.0)  # and of the first medium round
+    coarse_step: StepConfig = StepConfig(damping=0.1, max_step_m=0.3, robust_scale=2.0)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light; half of it in medium rounds, and
     # a quarter where millimetres count.
     contrast: float = 0.8
-    # Medium, on what poses themselves see, found anew in each of two rounds as that changes with them: at the rows of a view, where changed
-    # furniture loses its vote, and at twice these; where poses are nearly right points keep it: they come half as near without.
+    # Medium, on what poses themselves see, found anew in each round as what a pose sees changes with it. Changed furniture loses its vote;
+    # where poses are nearly right points keep it: they come half as near without.
     margin_deg: float = 8.0
     margin: float = 0.35  # of the best score; candidates further behind it never won
     medium_points: int = 2048
+    medium_rounds: tuple[MediumRound, ...] = (
+        MediumRound(64, 22.5, 2.0),
+        MediumRound(64, 22.5, 2.0),
+        MediumRound(128, 11.25, None),
+    )
     # Fine, on images of so many rows and of twice as many; of rigs that cover little at twice these rows.
     fine_rows: int = 256
     fine_points: int = 12_000
@@ -50,5 +67,9 @@ class RefinementConfig:
     # room of 3,000 points poses are off by centimetres and not answered without.
     least_filled: float = 0.1
     step: StepConfig = StepConfig()
-    iterations: int = 6  # twice as many of the coarse stage
+    iterations: int = 6  # twice as many of the coarse levels
     stop: StoppingRule = StoppingRule()
+
+    def coarse_points_of(self, share: float) -> int:
+        """Return how many points are aligned on what starts see, of a rig that covers a `share` of the sphere."""
+        return min(self.most_coarse_points, round(max(1.0, share / self.coarse_share) * self.coarse_points))

@@ -16,7 +16,7 @@ class CanonicalColors:
 
     def __init__(self, pyramid: RigPyramid) -> None:
         self.pyramid = pyramid
-        self._levels: dict[tuple[int, float], Level] = {}
+        self._levels: dict[tuple[int, float, bool], Level] = {}
         self._means: list[Tensor] | None = None
 
     @property
@@ -24,12 +24,12 @@ class CanonicalColors:
         """Return whether the colours are codes of labels."""
         return self.pyramid.labels is not None
 
-    def level(self, rows: int, contrast_share: float) -> Level:
-        """Return a level equalized over all images and mixed with contrast."""
-        key = (rows, contrast_share)
+    def level(self, rows: int, contrast_share: float, blur: bool = False) -> Level:
+        """Return a level equalized over all images and mixed with contrast; blurred for the widest basin."""
+        key = (rows, contrast_share, blur)
         if key not in self._levels:
             windows = self.pyramid.windows(min(rows, self.pyramid.finest_rows))
-            self._levels[key] = self._level(windows, self._tables(windows), contrast_share)
+            self._levels[key] = self._level(windows, self._tables(windows), contrast_share, blur)
         return self._levels[key]
 
     def level_with(self, tables: Tensor | None, rows: int, contrast_share: float) -> Level:
@@ -57,13 +57,14 @@ class CanonicalColors:
         ratio = logarithms.sub_(windows.packed(around)).mul_(windows.valid / CONTRAST.scale)
         return ratio.tanh_().add_(1).mul_(0.5)
 
-    def _level(self, windows: Windows, tables: Tensor | None, contrast_share: float) -> Level:
+    def _level(self, windows: Windows, tables: Tensor | None, contrast_share: float, blur: bool = False) -> Level:
         if tables is not None and has_kernels_for(windows.color):
-            return windows.level_of(self._mixed(windows, tables, contrast_share))
+            colors = self._mixed(windows, tables, contrast_share)
+            return windows.level(_blurred(colors[:3], windows)) if blur else windows.level_of(colors)
         color = _looked_up(windows.color, tables)
         if tables is not None:
             color = torch.lerp(color, self.contrast(windows), contrast_share)
-        return windows.level(color)
+        return windows.level(_blurred(color, windows) if blur else color)
 
     def _mixed(self, windows: Windows, tables: Tensor, contrast_share: float) -> Tensor:
         """Return colours and validity (4, H, W) of a level by the kernel; in memory a pixel's numbers follow each other."""
@@ -101,3 +102,16 @@ def _looked_up(color: Tensor, tables: Tensor | None) -> Tensor:
     if tables is None:
         return color
     return apply_tables(color.flatten(1).T[None], tables[None])[0].T.reshape(color.shape)
+
+
+def _blurred(color: Tensor, windows: Windows) -> Tensor:
+    """Return packed colours (3, H, W) smoothed over valid pixels with the kernel 1 2 1 along both axes."""
+    stacked = torch.cat((color * windows.valid, windows.valid[None]))
+    windows.continue_around(stacked)
+    rows = stacked.clone().mul_(2)
+    rows[:, 1:] += stacked[:, :-1]
+    rows[:, :-1] += stacked[:, 1:]
+    total = rows.clone().mul_(2)
+    total[..., 1:] += rows[..., :-1]
+    total[..., :-1] += rows[..., 1:]
+    return total[:3] / total[3:].clamp_min(1.0)

@@ -100,14 +100,14 @@ class MapQuery:
         measured = agreement(comparison, self.config.judge, self.rig.shares(group), patch_deg, agreeing)
         return with_agreement(group, replace(measured, score=measured.score * self.rig.likelihoods(group)))
 
-    def points_from_starts(self, group: Sequence[Hypothesis]) -> PointPlanes:
-        """Return what the starts of the hypotheses see."""
+    def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> PointPlanes:
+        """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""
         sizes, rig = self.config.refinement, self.rig
         rows, views = self._views_from(sorted({h.start for h in group}))
-        look = rig.look(sizes.coarse_points, rig.margin_deg, 2 * self.config.descriptors.patch_deg)
+        look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, 2 * self.config.descriptors.patch_deg)
         numbers = rig.numbers_of([rows[h.start] for h in group])
         return points_seen_from_starts(
-            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, sizes.contrast
+            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.contrast
         )
 
     def points_from_poses(

@@ -26,29 +26,33 @@ class Refinement:
         self._within = limits.nearest_rotations if limits.bounds_tilts else None
 
     def coarse(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine on what the starts see."""
+        """Refine on what the starts see, at half the rows of a view and at all of them."""
         sizes, refined = self.config.refinement, []
         for rig, group in by_colors(self.queries, hypotheses):
-            level = rig.colors.level(self.config.descriptors.view_height, sizes.contrast)
-            points = joined([self.queries[number].points_from_starts(part) for number, part in by_map(group)])
-            refined += self._refine(level, points, group, 2 * sizes.iterations, sizes.robust_step, sizes.stop)
+            for half in (True, False):
+                rows = self.config.descriptors.view_height // (2 if half else 1)
+                level = rig.colors.level(rows, sizes.contrast, blur=half)
+                parts = [self.queries[number].points_from_starts(part, half) for number, part in by_map(group)]
+                group = self._refine(level, joined(parts), group, 2 * sizes.iterations, sizes.coarse_step, sizes.stop)
+            refined += group
         return refined
 
     def medium(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine on points that the poses themselves see, found anew in each of two rounds."""
-        sizes, described, refined = self.config.refinement, self.config.descriptors, []
+        """Refine on points that the poses themselves see, found anew in each round."""
+        sizes, refined = self.config.refinement, []
         for rig, group in by_colors(self.queries, hypotheses):
-            # At first, while poses may be off, what has changed loses its vote.
-            for finer, step in ((1, sizes.robust_step), (2, sizes.step)):
-                patch_deg = 2 * described.patch_deg / finer
+            for planned in sizes.medium_rounds:
                 parts = []
                 for number, part in by_map(group):
                     query = self.queries[number]
                     comparison = query.compare(part, rig.rows, with_points=True)
                     parts.append(
-                        query.points_from_poses(part, comparison, sizes.medium_points, patch_deg, sizes.contrast / 2)
+                        query.points_from_poses(
+                            part, comparison, sizes.medium_points, planned.patch_deg, sizes.contrast / 2
+                        )
                     )
-                level = rig.colors.level(finer * described.view_height, sizes.contrast / 2)
+                level = rig.colors.level(planned.rows, sizes.contrast / 2)
+                step = replace(sizes.step, robust_scale=planned.robust_scale)
                 group = self._refine(level, joined(parts), group, sizes.iterations, step, sizes.stop)
             refined += group
         return refined
@@ -78,7 +82,7 @@ class Refinement:
     def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: PointPlanes) -> Hypothesis:
         """Return a hypothesis that was refined fully, with how far apart the halves of the picture end from there among its measures."""
         sizes, described = self.config.refinement, self.config.descriptors
-        level = query.rig.colors.level(2 * described.view_height, sizes.contrast / 2)
+        level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.contrast / 2)
         focals = query.rig.log_focals([hypothesis])
         apart = halves_apart(
             level, points, hypothesis.rotation, hypothesis.position, focals, described.patch_deg, sizes

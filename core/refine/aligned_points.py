@@ -20,7 +20,7 @@ from panoloc.core.refine.patches import patch_numbers
 from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import RenderCloud
-from panoloc.core.render.synthetic_view import RENDER_BATCH, render_views
+from panoloc.core.render.synthetic_view import RENDER_BATCH, halve, render_views
 
 
 @dataclass(frozen=True)
@@ -60,27 +60,31 @@ def _lattice_in_patches(count: int, patch_deg: float, device: str) -> tuple[Tens
 
 @dataclass(frozen=True)
 class StartViews:
-    """What starts see: point (T, P) int64, −1 for none; colors and contrast (T, P, 3).
+    """What starts see: point (T, P) int64, −1 for none; colors and contrast (T, P, 3) of views, and of their halves.
 
     rows: of the views. contrast: None of label codes, which have none.
     """
 
     point: Tensor
-    colors: Tensor
-    contrast: Tensor | None
+    colors: tuple[Tensor, Tensor]
+    contrast: tuple[Tensor, Tensor] | None
     rows: int
 
 
 def views_from_starts(index: MapIndex, starts: Tensor, rows: int) -> StartViews:
     """Render the views of the starts numbered `starts` (T,)."""
-    points, colors, contrasts = [], [], []
+    points, colors, halves = [], [], []
     for part in torch.split(starts, RENDER_BATCH):
         views = render_views(index.render_cloud, index.starts[part], rows)
         points.append(views.point.flatten(1))
-        colors.append(views.color.flatten(1, 2))
+        shown = views.color
         if index.labels is None:
-            contrasts.append(local_contrast(views.color, views.valid.float()).flatten(1, 2))
-    return StartViews(torch.cat(points), torch.cat(colors), torch.cat(contrasts) if contrasts else None, rows)
+            shown = torch.cat((shown, local_contrast(views.color, views.valid.float())), dim=-1)
+        colors.append(shown.flatten(1, 2))
+        halves.append(halve(shown, views.valid).flatten(1, 2))
+    half, full = torch.cat(halves), torch.cat(colors)
+    contrast = (half[..., 3:], full[..., 3:]) if index.labels is None else None
+    return StartViews(torch.cat(points), (half[..., :3], full[..., :3]), contrast, rows)
 
 
 def points_seen_from_starts(
@@ -91,20 +95,22 @@ def points_seen_from_starts(
     rotations: Tensor,
     positions: Tensor,
     look: LookDirections,
+    coarse: bool,
     contrast_share: float,
 ) -> PointPlanes:
     """Return the points that K candidates should see, in the colours of the views `numbers` (K,) of their starts.
 
-    rotations (K, 3, 3) and positions (K, 3): of the rig. Colours are equalized over what the images show, and mixed with
-    contrast.
+    rotations (K, 3, 3) and positions (K, 3): of the rig. coarse: colours of half the views' rows. Colours are equalized over what the
+    images show, and mixed with contrast.
     """
+    which, rows = (0, views.rows // 2) if coarse else (1, views.rows)
     towards = torch.einsum("kab,nb->kna", rotations, look.directions)
-    at = numbers[:, None], pixels_towards(towards, views.rows)
-    point, colors = views.point[at], views.colors[at]
-    weights = (point >= 0).float()
+    point = views.point[numbers[:, None], pixels_towards(towards, views.rows)]
+    pixel = pixels_towards(towards, rows)
+    colors, weights = views.colors[which][numbers[:, None], pixel], (point >= 0).float()
     if views.contrast is not None:
         colors = apply_tables(colors, equalization_tables(colors, weights * look.inside))
-        colors = torch.lerp(colors, views.contrast[at], contrast_share)
+        colors = torch.lerp(colors, views.contrast[which][numbers[:, None], pixel], contrast_share)
     seen = cloud.positions[point.clamp_min(0)]
     return PointPlanes.of_triples(
         seen, colors, weights, images_showing(pyramid, seen, rotations, positions), look.patches

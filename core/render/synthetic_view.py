@@ -243,3 +243,9 @@ def pool(level: Tensor, halvings: int) -> Tensor:
 def double(level: Tensor) -> Tensor:
     """Repeat rows and columns of (B, h, w, ...) twice."""
     return level.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2)
+
+
+def halve(color: Tensor, valid: Tensor) -> Tensor:
+    """Average (B, H, W, 3) over squares of two valid pixels a side."""
+    weight = valid[..., None].float()
+    return pool(color * weight, 1) / pool(weight, 1).clamp_min(1e-6)

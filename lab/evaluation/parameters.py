@@ -21,7 +21,7 @@ _SAME_M, _SAME_DEG = 1e-4, 1e-2  # nearer than both, poses are the same
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of the configuration, or several of a tuple that are scaled together.
+    """A number of the configuration, or several that are scaled together: a tuple, or a field of all sections of a tuple.
 
     name: the path of names that leads to it. value: as it is. half, double: methods with it halved and doubled; None where that changes
     nothing, or makes a share larger than 1.
@@ -48,7 +48,8 @@ def parameters_like(base: ComparedMethod, patterns: Sequence[str] = ()) -> list[
     return found
 
 
-_Path = tuple[str, ...]  # of names
+# A path of names; within it a tuple of sections is followed by the field that is changed in all of them.
+_Path = tuple[str, ...]
 
 
 def _numbers(config: LocalizerConfig) -> Iterator[tuple[str, _Path, Any]]:
@@ -65,6 +66,11 @@ def _numbers_in(value: Any, path: _Path) -> Iterator[tuple[_Path, Any]]:
     if is_dataclass(value):
         for field in fields(value):
             yield from _numbers_in(getattr(value, field.name), (*path, field.name))
+    elif isinstance(value, tuple) and value and all(map(is_dataclass, value)):
+        for field in fields(value[0]):
+            together = tuple(getattr(section, field.name) for section in value)
+            if any(map(_is_number, together)):
+                yield (*path, field.name), together
     elif _is_number(value) or (isinstance(value, tuple) and value and all(map(_is_number, value))):
         yield path, value
 
@@ -78,7 +84,15 @@ def _varied(base: ComparedMethod, name: str, path: _Path, value: Any, factor: fl
     scaled = tuple(_scaled(one, factor) for one in value) if isinstance(value, tuple) else _scaled(value, factor)
     if scaled == value or (_is_share(name, value) and not _is_share(name, scaled)):
         return None
-    return ComparedMethod(f"{name} x {factor:g}", base.method, with_value(base.config, path, scaled))
+    holder: Any = base.config
+    for part in path[:-1]:
+        holder = getattr(holder, part)
+    if isinstance(holder, tuple):
+        sections = [with_value(one, path[-1:], new) for one, new in zip(holder, scaled, strict=True)]
+        config = with_value(base.config, path[:-1], tuple(sections))
+    else:
+        config = with_value(base.config, path, scaled)
+    return ComparedMethod(f"{name} x {factor:g}", base.method, config)
 
 
 def _scaled(value: Any, factor: float) -> Any:

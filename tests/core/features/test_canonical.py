@@ -132,3 +132,39 @@ def test_codes_of_labels_are_canonical_as_they_are() -> None:
     assert 0 < int((windows.color[0, seen] == 0.9).sum()) < int(seen.sum())
     for level in (found.level(256, 0.4), found.level_with(None, 256, 0.4)):
         assert torch.equal(level.planes[:3, seen], windows.color[:, seen])
+
+
+def blurred_slowly(color: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return a panorama (3, H, W) averaged over valid neighbours with the weights 1 2 1, around its seam and over its poles."""
+    _, height, width = color.shape
+    total, mass = np.zeros_like(color), np.zeros_like(valid)
+    for down, across in np.ndindex(3, 3):
+        rows = np.arange(height) + down - 1
+        beyond = (rows < 0) | (rows >= height)
+        columns = (np.arange(width) + across - 1 + np.where(beyond, width // 2, 0)[:, None]) % width
+        at = np.clip(rows, 0, height - 1)[:, None], columns
+        weight = (1 + (down == 1)) * (1 + (across == 1)) * valid[at]
+        total, mass = total + weight * color[:, *at], mass + weight
+    return np.asarray(total / np.maximum(mass, 1))
+
+
+def blurred_panorama() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what is found, what is expected (3, H, W), and which pixels are valid (H, W)."""
+    found = colors_of(Rig.of_panorama(textured()))
+    windows = found.pyramid.windows(ROWS)
+    (sharp,) = windows.inside(found.equalized(windows))
+    (blurred,) = windows.inside(found.level(ROWS, 0.0, blur=True).planes[:3])
+    seen = windows.inside(windows.valid)[0].double().numpy()
+    return blurred.numpy(), blurred_slowly(sharp.double().numpy(), seen), seen > 0
+
+
+def test_a_blurred_level_averages_neighbours_that_are_valid() -> None:
+    found, expected, seen = blurred_panorama()
+    inner = np.zeros_like(seen)
+    inner[1:-1, 1:-1] = True
+    np.testing.assert_allclose(found[:, seen & inner], expected[:, seen & inner], atol=1e-5)
+
+
+def test_a_blurred_panorama_goes_on_around_its_seam_and_over_its_poles() -> None:
+    found, expected, seen = blurred_panorama()
+    np.testing.assert_allclose(found[:, seen], expected[:, seen], atol=1e-5)

@@ -255,9 +255,10 @@ def test_what_images_show_at_rendered_pixels(both: Comparisons, name: str, log_f
 
 
 @pytest.mark.parametrize("name", list(RIGS))
-def test_levels_of_canonical_colours(both: Numbers, name: str) -> None:
+@pytest.mark.parametrize("blur", [False, True])
+def test_levels_of_canonical_colours(both: Numbers, name: str, blur: bool) -> None:
     pyramid = RigPyramid(RIGS[name][0], 256, None, "cpu")
-    compiled, tensors = both(lambda: CanonicalColors(pyramid).level(128, 0.4).colors)
+    compiled, tensors = both(lambda: CanonicalColors(pyramid).level(128, 0.4, blur).colors)
     shown = tensors[3] > 0
     assert torch.equal(compiled[3], tensors[3])
     torch.testing.assert_close(compiled[:3, shown], tensors[:3, shown], atol=1e-4, rtol=0)

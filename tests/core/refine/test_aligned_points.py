@@ -76,20 +76,20 @@ def test_each_point_is_looked_up_in_the_image_whose_middle_is_nearest_to_it() ->
 
 
 def from_starts(
-    pyramid: RigPyramid, rotations: torch.Tensor, contrast_share: float, rows: tuple[int, ...] = (1,)
+    pyramid: RigPyramid, rotations: torch.Tensor, coarse: bool, contrast_share: float, rows: tuple[int, ...] = (1,)
 ) -> PointPlanes:
     """Return what candidates at the starts 5 and 9, of which `rows` names one each, should see."""
     starts, numbers = torch.tensor([5, 9]), torch.tensor(rows)
     look, views = look_directions(pyramid, 300, 5.0, 22.5), views_from_starts(map_of(BOX), starts, HEIGHT)
     at = rotations.expand(len(rows), 3, 3), map_of(BOX).starts[starts[numbers]]
-    return points_seen_from_starts(pyramid, CLOUD, views, numbers, *at, look, contrast_share)
+    return points_seen_from_starts(pyramid, CLOUD, views, numbers, *at, look, coarse, contrast_share)
 
 
 @pytest.mark.parametrize("query", ["photos", "panorama"])
 def test_points_of_a_start_are_those_of_its_view_in_its_colours_equalized(query: str) -> None:
     pyramid, pose = (PHOTOS, RIG) if query == "photos" else (pyramid_of(rig_of(panorama())), POSE)
     rotation, _ = tensors_of(pose)
-    found, look = from_starts(pyramid, rotation, 0.0), look_directions(pyramid, 300, 5.0, 22.5)
+    found, look = from_starts(pyramid, rotation, False, 0.0), look_directions(pyramid, 300, 5.0, 22.5)
     start = map_of(BOX).starts[9]
     seen = found.weights[0] > 0
     assert float(seen.float().mean()) > 0.3  # of a sparse scan, many pixels show no point
@@ -101,26 +101,30 @@ def test_points_of_a_start_are_those_of_its_view_in_its_colours_equalized(query:
         assert torch.equal(here.long(), there.long())
     assert torch.equal(found.sums.patches, look.patches)
     views = views_from_starts(map_of(BOX), torch.tensor([9]), HEIGHT)
-    shown = views.colors[:, pixels_towards(along, HEIGHT)]
+    shown = views.colors[1][:, pixels_towards(along, HEIGHT)]
     expected = equalize(shown, (seen & look.inside).float()[None])
     torch.testing.assert_close(found.colors[0].T[seen], expected[0][seen])
     assert float((found.colors[0].T - shown[0])[seen].abs().mean()) > 0.05
 
 
-def test_colours_may_be_nothing_but_contrast() -> None:
+def test_of_half_the_resolution_points_are_the_same_and_colours_coarser_or_nothing_but_contrast() -> None:
     rotation, _ = tensors_of(RIG)
+    fine, half = (from_starts(PHOTOS, rotation, coarse, 0.0) for coarse in (False, True))
+    assert torch.equal(fine.positions, half.positions)
+    assert torch.equal(fine.weights, half.weights)
+    assert 0 < float((fine.colors - half.colors).abs().mean()) < 0.2
     views = views_from_starts(map_of(BOX), torch.tensor([5, 9]), HEIGHT)
     look = look_directions(PHOTOS, 300, 5.0, 22.5)
-    pixel = pixels_towards(look.directions @ rotation[0].T, HEIGHT)
-    contrast = known(views.contrast)[1, pixel]
-    torch.testing.assert_close(from_starts(PHOTOS, rotation, 1.0).colors[0].T, contrast)
+    pixel = pixels_towards(look.directions @ rotation[0].T, HEIGHT // 2)
+    contrast = known(views.contrast)[0][1, pixel]
+    torch.testing.assert_close(from_starts(PHOTOS, rotation, True, 1.0).colors[0].T, contrast)
 
 
 def test_each_candidate_has_the_points_of_its_own_start() -> None:
     rotation, _ = tensors_of(RIG)
-    both = from_starts(PHOTOS, rotation, 0.5, rows=(1, 0))
+    both = from_starts(PHOTOS, rotation, False, 0.5, rows=(1, 0))
     for number, row in enumerate((1, 0)):
-        alone = from_starts(PHOTOS, rotation, 0.5, rows=(row,))
+        alone = from_starts(PHOTOS, rotation, False, 0.5, rows=(row,))
         torch.testing.assert_close(both.colors[number], alone.colors[0])
         assert torch.equal(both.positions[number], alone.positions[0])
     assert not torch.equal(both.positions[0], both.positions[1])
@@ -134,9 +138,9 @@ def test_labels_are_neither_equalized_nor_mixed_with_contrast() -> None:
     pyramid = RigPyramid(rig_of(LABELLED.panorama(POSE)), 128, index.labels, "cpu")
     look = look_directions(pyramid, 300, 0.0, 22.5)
     at = torch.eye(3)[None], index.starts[2:3]
-    found = points_seen_from_starts(pyramid, index.render_cloud, views, torch.tensor([0]), *at, look, 0.8)
+    found = points_seen_from_starts(pyramid, index.render_cloud, views, torch.tensor([0]), *at, look, False, 0.8)
     pixel = pixels_towards(look.directions, HEIGHT)
-    torch.testing.assert_close(found.colors[0].T, views.colors[0, pixel])
+    torch.testing.assert_close(found.colors[0].T, views.colors[1][0, pixel])
 
 
 # From poses.

@@ -15,7 +15,7 @@ from tests.core.found_pose import known
 from tests.core.refine.painted_scene import level_of_sphere, painted, painted_sphere
 
 HEIGHT, COUNT = 32, 600
-CONFIG = RefinementConfig().robust_step
+CONFIG = RefinementConfig().coarse_step
 PATCHES, ORDER = patch_numbers(even_directions(COUNT), 45.0).sort(stable=True)
 DIRECTIONS = even_directions(COUNT)[ORDER]
 # Turns (rad) and moves (m) off the true pose: two that meet, one that is nearly there, one far off.

@@ -81,6 +81,16 @@ def test_numbers_are_halved_and_doubled_wherever_they_stand() -> None:
     assert values("focal.bounds", "focal")[1].bounds == (2 * least, 2 * most)
 
 
+def test_a_field_of_all_rounds_is_changed_together_and_what_is_none_stays_so() -> None:
+    double = PARAMETERS["refinement.medium_rounds.robust_scale"].double
+    assert double is not None
+    rounds = LocalizerConfig().refinement.medium_rounds
+    doubled = [None if each.robust_scale is None else 2 * each.robust_scale for each in rounds]
+    changed = double.config.refinement.medium_rounds
+    assert [each.robust_scale for each in changed] == doubled
+    assert [each.rows for each in changed] == [each.rows for each in rounds]
+
+
 def test_integers_stay_whole_and_above_nothing_and_shares_stay_shares() -> None:
     varied = [m for each in PARAMETERS.values() for m in (each.half, each.double) if m is not None]
     assert len({method.digest for method in varied}) == len({method.name for method in varied}) == len(varied)
