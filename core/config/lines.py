@@ -7,7 +7,8 @@ from dataclasses import dataclass
 class LineConfig:
     """Edges, and the lines that they are of (see `panoloc.core.features.line_support`)."""
 
-    squares: int = 1536  # that photos are divided into: of each the strongest edge counts
+    squares: int = 512  # that photos are divided into
+    edges_in_square: int = 3  # the strongest
     edge_over_noise: float = 3.0  # how much faster than in half of the photo colours change there
     least_gradient: float = 0.5  # of the logarithm of colours, per radian: less than one step of eight bits
     edge_noise_deg: float = 1.5  # of the direction of an edge

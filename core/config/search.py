@@ -15,9 +15,8 @@ class SearchConfig:
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
     # The poses that patches like best are scored again by pixels, all together so many.
     rescored_pixels: int = 300_000  # and those of each translation grid
-    histogram_weight: float = (
-        0.04  # of the score by patches, added to that by pixels (docs/experiments.md); twice that with lines
-    )
+    # Of the score by patches, added to that by pixels (docs/experiments.md); twice that with lines.
+    histogram_weight: float = 0.04
     # People hold cameras level: poses tilted no more than this are searched first.
     level_tilt_deg: float = 18.0
     # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations those are searched first that are no
@@ -61,9 +60,8 @@ class PriorConfig:
     # Refinement comes back from as far off as a pose is right. Where a prior may be farther off, it begins beside it as well: metres, and
     # degrees of yaw, at most.
     farthest: tuple[float, float] = (1.0, 40.0)
-    margin: float = (
-        0.3  # nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere
-    )
+    # Nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere.
+    margin: float = 0.3
 
 
 @dataclass(frozen=True)

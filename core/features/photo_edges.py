@@ -36,7 +36,7 @@ class Edges:
 
 
 def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
-    """Return the strongest edge in each of equal squares of the photos, thinned to one pixel across; few or none where hardly any are.
+    """Return the strongest edges in each of equal squares of the photos, thinned to one pixel across; few or none where hardly any are.
 
     Taken from everywhere: the strongest of all are those of one rug or picture, which may hang askew.
     """
@@ -49,21 +49,21 @@ def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
     ridges = ridges * (ridges > least)
     length_deg = int((ridges > 0).sum()) * 180 / windows.rows
     side = max(1, round(math.sqrt(int(valid.sum()) / config.squares)))
-    chosen = _strongest(ridges, side)
+    chosen = _strongest(ridges, side, config.edges_in_square)
     directions = windows.directions.flatten(0, 1)[chosen]
     normals = _tangents(directions, east.flatten()[chosen], north.flatten()[chosen])
     turned = pyramid.rotations[windows.image.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)
     return Edges(turned[..., 0].contiguous(), turned[..., 1].contiguous(), length_deg)
 
 
-def _strongest(ridges: Tensor, side: int) -> Tensor:
-    """Return the numbers (E,), among all pixels, of the largest of each square of `side` pixels, and none that is zero."""
+def _strongest(ridges: Tensor, side: int, count: int) -> Tensor:
+    """Return the numbers (E,), among all pixels, of the largest of each square of `side` pixels, at most `count` and none that is zero."""
     height, width = ridges.shape
     padded = torch.nn.functional.pad(ridges, (0, -width % side, 0, -height % side))
     squares = padded.unfold(0, side, side).unfold(1, side, side).flatten(2)
-    values, inside = squares.max(-1)
-    row, column = values.nonzero(as_tuple=True)
-    inside = inside[row, column]
+    values, inside = squares.topk(min(count, side * side))
+    row, column, rank = values.nonzero(as_tuple=True)
+    inside = inside[row, column, rank]
     return (row * side + inside // side) * width + column * side + inside % side
 
 

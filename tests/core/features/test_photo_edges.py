@@ -37,7 +37,7 @@ def halves() -> NDArray[np.float64]:
 def edges_of(*photos: Photo, poses: tuple[Pose, ...] = ()) -> Edges:
     here = Pose(np.eye(3), np.zeros(3))
     images = tuple(RigImage(*both) for both in zip(photos, poses or (here,), strict=True))
-    return edges_of_photos(RigPyramid(Rig(images), 512, None, "cpu"), replace(CONFIG, squares=10**9))
+    return edges_of_photos(RigPyramid(Rig(images), 512, None, "cpu"), replace(CONFIG, edges_in_square=9999))
 
 
 def angles_deg(normals: Tensor, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
