@@ -36,7 +36,7 @@ class ObjectChangesConfig:
     # Log odds that what is found did change: a constant, and a weight of the network's log odds. Logistic regression on development seeds.
     certainty: tuple[float, float] = (0.7, 2.6)
     most_likely: float = 0.8  # beyond which no difference was measured
-    sure: float = 0.4  # certainty from which on a change is stated; below, it is unsure (docs/evaluation.md)
+    sure: float = 0.3  # certainty from which on a change is stated; below, it is unsure (docs/evaluation.md)
 
 
 CHANGES = ObjectChangesConfig()

@@ -53,4 +53,4 @@ def halves_apart(
     angle = rotation_angle(found.rotations[0], found.rotations[1])
     # Halves in which nothing agrees stay where they are, which is no agreement.
     is_blind = (found.hessian.diagonal(dim1=1, dim2=2).sum(-1) <= 0).any()
-    return torch.where(is_blind, distance.new_tensor(NOWHERE), torch.stack((distance, angle)))
+    return torch.stack((torch.where(is_blind, NOWHERE[0], distance), torch.where(is_blind, NOWHERE[1], angle)))

@@ -1,8 +1,9 @@
 """`python -m panoloc.lab.evaluation.fit_changes FOLDER`: fit the network that tells what came and went (`panoloc.core.changes.network`).
 
-Makes procedural rooms with known changes, keeps what is said of their voxels in FOLDER, and fits for a number of steps. With a thread of
-one processor (OMP_NUM_THREADS=1) 20 minutes for rooms, of which several processes can each make a part beforehand, and 20 for 3,600 steps;
-6 GB of disk and memory. Seeds from 10,000 are for this alone; `python -m tests.campaign changes` measures on others.
+Makes procedural rooms with known changes, keeps what is said of their voxels in FOLDER, and fits for a number of steps, from the beginning
+or from weights of an earlier fit. With a thread of one processor (OMP_NUM_THREADS=1) 20 minutes for rooms, of which several processes can
+each make a part beforehand, and 40 for 7,200 steps; 6 GB of disk and memory. Seeds from 10,000 are for this alone; `python -m
+tests.campaign changes` measures on others.
 """
 
 import argparse
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--rooms", type=int, default=800)
-    parser.add_argument("--steps", type=int, default=3600)
+    parser.add_argument("--steps", type=int, default=7200)
     parser.add_argument("--begin", type=Path, help="weights to begin with, of an earlier fit; by default random ones")
     parser.add_argument(
         "--weights", type=Path, default=WEIGHTS, help="where to write them; those of the package by default"

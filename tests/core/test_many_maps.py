@@ -139,7 +139,7 @@ class Scripted(Localizer):
     ("answers", "confidence", "number"),
     [
         ([(0.9, 0)], 0.9, 2),  # sure: nothing else is searched
-        ([(0.6, 0), (0.95, 0)], 0.95, 0),
+        ([(0.6, 0), (0.95, 0)], 0.95, 1),
         ([(0.6, 0), (0.3, 0)], 0.6, 2),  # the later answer does not know of the place of the first
         ([(0.6, 0), (0.3, -1)], 0.3, 2),  # it does, and something there spoke against it
     ],
