@@ -18,7 +18,7 @@ class PoseDistances:
     same: PoseDistance = PoseDistance(0.1, 3.0)  # what refinement brings so near to each other is one pose
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different candidates, and different answers
     right: PoseDistance = PoseDistance(0.3, 10.0)  # nearer to the true pose than that, a pose is right
-    elsewhere: PoseDistance = PoseDistance(1.5, 60.0)  # beyond it what looks the same is no view from beside a place
+    elsewhere: PoseDistance = PoseDistance(1.5, 30.0)  # beyond it what looks the same is no view from beside a place
 
 
 DISTANCES = PoseDistances()

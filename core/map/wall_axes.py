@@ -6,7 +6,8 @@ import torch
 from torch import Tensor
 
 _CELL_M = 0.2
-_FLATNESS = 0.3  # of the variance across a piece of a surface, which may be thick, over the least along it
+_FLATNESS = 0.05  # of the variance across a piece of wall over the least along it
+_SURFACE_FLATNESS = 0.3  # likewise, of a surface that may be thick
 _NEAR_DEG = 3.0  # around the axes
 
 
@@ -15,7 +16,7 @@ def wall_axes(positions: Tensor) -> Tensor:
 
     positions: (N, 3) metres, z up. A surface counts by how much of its normal is level.
     """
-    _, normals, weights = _surfaces(positions)
+    _, normals, weights = _surfaces(positions, _FLATNESS)
     weights = weights * normals[:, :2].square().sum(1)
     quarter = math.pi / 2
     azimuth, order = (torch.atan2(normals[:, 1], normals[:, 0]) % quarter).sort()
@@ -39,11 +40,11 @@ def surface_thickness(positions: Tensor) -> float:
 
     positions: (N, 3) metres. Noise of a scanner makes them millimetres thick, stations that do not fit each other centimetres.
     """
-    across, _, _ = _surfaces(positions)
+    across, _, _ = _surfaces(positions, _SURFACE_FLATNESS)
     return float(across.clamp_min(0).sqrt().median()) if len(across) else 0.0
 
 
-def _surfaces(positions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _surfaces(positions: Tensor, flatness: float) -> tuple[Tensor, Tensor, Tensor]:
     """Return the variance across (C,), the normal (C, 3) and the number of points (C,) of cells of the scan that are pieces of surfaces."""
     cell = ((positions - positions.amin(0)) / _CELL_M).long()
     size = cell.amax(0) + 1
@@ -56,5 +57,5 @@ def _surfaces(positions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     spread = products.new_zeros((len(count), 9)).index_add_(0, which, products).view(-1, 3, 3) / weights[:, None, None]
     variances, directions = torch.linalg.eigh(spread)
     # Three points always lie in a plane.
-    is_surface = (count > 3) & (variances[:, 0] < _FLATNESS * variances[:, 1])
+    is_surface = (count > 3) & (variances[:, 0] < flatness * variances[:, 1])
     return variances[is_surface, 0], directions[is_surface, :, 0], weights[is_surface]

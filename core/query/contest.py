@@ -50,7 +50,7 @@ class Contest:
     def __init__(self, rig: Rig, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
         self._rig = rig
         self.queries, self.config, self.clock = queries, config, clock
-        self.refinement = Refinement(queries, config)
+        self.refinement = Refinement(queries, config, clock)
         self.hypotheses: list[Hypothesis] = []
         self.comparison: Comparison | None = None
         self.most_margin: float | None = None
@@ -136,11 +136,11 @@ class Contest:
             return self._judged(merged(refined, DISTANCES.same), is_first=True)
 
     def _rank(self) -> None:
-        """Refine the best of the coarse stage on what they see, and the best of these, and that elsewhere, fully; rank all."""
-        margin, place = self.config.refinement.margin, DISTANCES.place
-        within = within_margin(self._coarse, margin)
+        """Refine the best of the coarse stage on what they see, and the best of these fully; rank them, and then all others."""
+        sizes, place = self.config.refinement, DISTANCES.place
+        within = within_margin(self._coarse, sizes.margin)
         self._settle(first_and_elsewhere(self._coarse, len(within), place))
-        close = first_and_elsewhere(within_margin(self._medium, margin), 1, place)
+        close = first_and_elsewhere(within_margin(self._medium, sizes.margin), sizes.fine_candidates, place)
         least = self._least_of(self._medium)
         close += [h for h in self._settled_aliases if h.score >= least and all(h is not other for other in close)]
         self._finish(close)
@@ -174,7 +174,7 @@ class Contest:
         finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
         others = [h for h in self._medium if all(h is not other for other in chosen)]
         if not finals:
-            self.hypotheses, self.comparison = [], None
+            self.hypotheses, self.comparison = others, None
             return
         best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, DISTANCES.place
         ranked = [full.final for full in finals[1:]]
@@ -192,11 +192,13 @@ class Contest:
 
     def _with_signs(self, full: _Full) -> Hypothesis:
         """Return a hypothesis with what is measured of the best one alone, and only once: how far apart the halves of the images end from
-        there."""
+        there; and how exact the scan is."""
         if not full.has_signs:
             query = self.queries[full.final.map_number]
             with self.clock.stage("refine"):
                 full.final = self.refinement.with_halves(query, full.final, full.points)
+            thickness = {"thickness_m": query.index.surface_thickness_m}
+            full.final = replace(full.final, measures=full.final.measures | thickness)
             full.has_signs = True
         return full.final
 
@@ -221,5 +223,5 @@ class Contest:
         judged = []
         for number, group in by_map(hypotheses):
             query = self.queries[number]
-            judged += query.judge(group, is_first)
+            judged += query.judge(group, query.rig.rows // (query.rig.finer if is_first else 1))
         return by_score(judged, DISTANCES.same)

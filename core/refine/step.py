@@ -60,6 +60,15 @@ class PointPlanes:
         images = None if self.images is None else self.images[chosen]
         return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], images, self.sums)
 
+    def thinned(self, stride: int) -> "PointPlanes":
+        """Return every n-th point."""
+        patches = torch.unique(self.sums.patches[::stride], return_inverse=True)[1]
+        images = None if self.images is None else self.images[:, ::stride].contiguous()
+        positions, colors, weights = (
+            each[..., ::stride].contiguous() for each in (self.positions, self.colors, self.weights)
+        )
+        return PointPlanes(positions, colors, weights, images, PatchSums(patches))
+
 
 @dataclass(frozen=True)
 class PoseStep:

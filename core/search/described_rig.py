@@ -15,6 +15,8 @@ from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.features.patch_histograms import soft_histograms
 from panoloc.core.image.rig_pyramid import RigPyramid
 
+_LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much
+
 
 @dataclass(frozen=True)
 class RigPixels:
@@ -61,6 +63,11 @@ class DescribedRig:
 
     def patches(self, basis: Tensor, halvings: int = 0) -> DescribedPatches:
         """Return the patches along a basis (B, D), taken together in squares of 2 ^ `halvings` a side."""
+        if not halvings:
+            chosen = (self._shown > _LEAST_PATCH_SHARE * self._shown.max()).nonzero()[:, 0]
+            weights = self._shown[chosen]
+            values = self._roots[chosen] @ basis
+            return DescribedPatches(values, chosen, weights / weights.sum(), self._grid, self._known[0])
         values, weights = (self._roots @ basis)[None], self._shown[None]
         for _ in range(halvings):
             values, weights = pooled(values, weights)

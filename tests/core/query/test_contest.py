@@ -71,12 +71,13 @@ def contest_of(
         return replace(hypothesis, score=SMALLER * hypothesis.score), SimpleNamespace(of=hypothesis)
 
     query: Any = SimpleNamespace(
-        judge=lambda group, is_first: list(group),
+        judge=lambda group, rows: list(group),
         judge_alone=judge_alone,
         allows=allows,
         limits=PoseLimits(),
         rig=SimpleNamespace(finer=1, rows=64, patch_deg=22.5, share=1.0, prior=FocalPrior(-0.1, 0.8, is_stated=True)),
         with_other_focal_lengths=lambda best, comparison: others(best.log_focal),
+        index=SimpleNamespace(surface_thickness_m=0.007),
     )
     config = LocalizerConfig()
     contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
@@ -104,20 +105,20 @@ def test_what_was_refined_at_a_stage_is_not_again() -> None:
 def test_a_pose_without_a_rival_is_alone_and_nothing_elsewhere_bounds_the_others_there() -> None:
     contest, seen = contest_of()
     contest.add([placed(0.0, 1.0), placed(0.2, 0.9), placed(0.4, 0.8)])
-    assert len(seen["fine"]) == 1
-    assert found_by(contest) == [(0.0, 0.5), (0.2, 0.9), (0.4, 0.8)]
+    assert len(seen["fine"]) == 2
+    assert found_by(contest) == [(0.0, 0.5), (0.2, 0.45), (0.4, 0.8)]
 
 
 def test_the_best_rival_is_judged_as_the_best_is_and_what_is_not_counts_no_more_than_it() -> None:
     contest, _ = contest_of(moves={0.2: 0.3})
     contest.add([placed(0.0, 1.0), placed(0.2, 0.9), placed(3.0, 0.8), placed(6.0, 0.7)])
-    assert found_by(contest) == [(0.0, 0.5), (3.0, 0.4), (0.3, 0.4), (6.0, 0.4)]
+    assert found_by(contest) == [(0.0, 0.5), (0.3, 0.45), (3.0, 0.4), (6.0, 0.4)]
 
 
 def test_where_all_came_to_one_place_the_best_that_was_elsewhere_before_is_the_rival() -> None:
     contest, _ = contest_of(moves={3.0: 0.05})
     contest.add([placed(0.0, 1.0), placed(0.3, 0.9), placed(3.0, 0.6), placed(6.0, 0.5)])
-    assert found_by(contest) == [(0.0, 0.5), (3.0, 0.3), (0.3, 0.3)]
+    assert found_by(contest) == [(0.0, 0.5), (0.3, 0.45), (3.0, 0.3)]
 
 
 def test_a_rival_that_was_refined_fully_is_not_judged_once_more_as_it_was_before() -> None:
@@ -183,7 +184,7 @@ def test_the_focal_length_that_fits_best_wins_also_where_it_is_come_to_by_way_of
     best = contest.hypotheses[0]
     assert best.log_focal == 0.6
     assert cast(Any, contest.comparison).of.log_focal == 0.6
-    assert "halves_apart_m" in best.measures
+    assert {"halves_apart_m", "thickness_m"} <= set(best.measures)
     odds = sum((score / 1.2) ** POWER for score in (1.0, 1.1, 1.15))
     assert best.measures["focal_odds"] == pytest.approx(odds)
 
@@ -208,11 +209,11 @@ def test_a_focal_length_that_is_known_has_no_rivals() -> None:
 # Signs and noise of the best.
 
 
-def test_of_the_best_alone_the_halves_are_measured() -> None:
+def test_of_the_best_alone_the_halves_are_measured_and_the_scan_that_it_is_in() -> None:
     contest, _ = contest_of()
     contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
     best, *others = contest.hypotheses
-    assert best.measures == {"halves_apart_m": 0.01, "halves_apart_deg": 0.1}
+    assert best.measures == {"halves_apart_m": 0.01, "halves_apart_deg": 0.1, "thickness_m": 0.007}
     assert all(other.measures == {} for other in others)
 
 
