@@ -7,8 +7,11 @@ from rich.text import Text
 from panoloc.service.client import JsonObject
 
 
-def control_table(report: JsonObject) -> RenderableType:
-    """Return one row per point: residuals as the map stands, and after the fit, millimetres; then what to know and do."""
+def control_table(report: JsonObject, is_applied: bool = False) -> RenderableType:
+    """Return one row per point: residuals as the map stands, and after the fit, millimetres; then what to know and do.
+
+    is_applied: the map stands by the fit now.
+    """
     axes = ("east", "north", "up") if report["is_on_earth"] else ("x", "y", "z")
     of_as_is, of_fit = report["as_is"] is not None, report["fit"] is not None
     headings = [f"{axis} mm" for axis in (*axes, "3D")]
@@ -22,10 +25,10 @@ def control_table(report: JsonObject) -> RenderableType:
         row = [point["name"], *(_residuals(point["as_is"]) if of_as_is else [])]
         row += [*_residuals(point["fitted"]), _mm(point["left_out_m"])] if of_fit else []
         table.add_row(*map(Text, row))
-    return Group(table, *(Text(line) for line in _lines(report)))
+    return Group(table, *(Text(line) for line in _lines(report, is_applied)))
 
 
-def _lines(report: JsonObject) -> list[str]:
+def _lines(report: JsonObject, is_applied: bool) -> list[str]:
     lines = []
     for kind, words in (("as_is", "as the map stands"), ("fit", "after the fit")):
         if (found := report[kind]) is not None:
@@ -40,7 +43,8 @@ def _lines(report: JsonObject) -> list[str]:
         )
         if (place := fit["georeference"]) is not None:
             at = f"{place['latitude_deg']:.8f}, {place['longitude_deg']:.8f}, {place['height_m']:.3f} m"
-            lines.append(f"georeference by the fit: {at}, heading {place['heading_deg']:.4f} deg; --apply sets it")
+            then = "the map has it now" if is_applied else "--apply sets it"
+            lines.append(f"georeference by the fit: {at}, heading {place['heading_deg']:.4f} deg; {then}")
     open_points = [point["name"] for point in report["points"] if point["position_m"] is None]
     if open_points:
         named = ", ".join(open_points[:5]) + (" …" if len(open_points) > 5 else "")

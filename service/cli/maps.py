@@ -229,7 +229,7 @@ def control_points(
                 report = client.control_points(map_id)
         except ClientError as error:
             return session.show_failure(error, [map_id])
-    session.show(report, control_table(report))
+    session.show(report, control_table(report, is_applied=apply and bool(found)))
     if apply and not found:
         session.messages.print(f"The map is as it was: {report['no_georeference']}.", markup=False)
         return ExitCode.ERROR

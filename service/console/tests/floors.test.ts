@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import type { MapStats } from "../src/api/types.ts";
-import { floorAt, sectionOf, storeyOf } from "../src/plan/floors.ts";
+import { floorAt, heightOnFloor, sectionOf, storeyOf } from "../src/plan/floors.ts";
 
 const bounds = { min: [0, 0, -0.2], max: [10, 8, 8] };
 const none = { bounds, floors: [] } as unknown as MapStats;
@@ -16,6 +16,12 @@ test("what stands on a floor belongs to it, what lies below all to the lowest", 
 test("a storey ends at its ceiling, at the next floor, or with the scan", () => {
   assert.deepEqual([0, 1, 2].map((number) => storeyOf(three, number)), [{ bottom: 0, top: 2.5 }, { bottom: 2.9, top: 5.8 }, { bottom: 5.8, top: 8 }]);
   assert.deepEqual(storeyOf(none, 0), { bottom: -0.2, top: 8 });
+});
+
+test("a camera keeps its height above the floor when it goes to another one", () => {
+  assert.equal(heightOnFloor(three, 1.5, 1).toFixed(6), "4.400000");
+  assert.equal(heightOnFloor(three, 4.4, 0).toFixed(6), "1.500000");
+  assert.equal(heightOnFloor(none, 1.6, 0).toFixed(6), "1.600000");
 });
 
 test("a section shows its floor, and neither its ceiling nor the storey below", () => {

@@ -212,6 +212,8 @@ def test_control_points_are_sent_shown_in_millimetres_and_applied(
     assert sent[0]["csv"] == points.read_text()
     assert sent[0]["coordinate_system"] == "EPSG:25832"
     assert sent[1]["georeference"]["latitude_deg"] == 48.1371
+    assert "the map has it now" in " ".join(out.split())
+    assert "--apply sets it" in " ".join(panoloc("maps", "control-points", "map_1").out.split())
     assert "7.8" in out
     assert "horizontal 8.0, up 4.0, 3D 8.9 mm" in out
     assert "+200 ppm" in out

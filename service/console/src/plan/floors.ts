@@ -25,6 +25,11 @@ export function storeyOf({ floors = [], bounds: { min, max } }: MapStats, number
   return { bottom: floor.level_m, top: floor.height_m === null ? (floors[number + 1]?.level_m ?? max[2]) : floor.level_m + floor.height_m };
 }
 
+/** Return the height on another floor, as high above that as a height is above its own, metres. */
+export function heightOnFloor(stats: MapStats, height: number, number: number): number {
+  return height - storeyOf(stats, floorAt(stats, height)).bottom + storeyOf(stats, number).bottom;
+}
+
 /** Return between which heights points are shown, so that a floor is seen from above. */
 export function sectionOf(stats: MapStats, number: number): Section {
   const { bottom, top } = storeyOf(stats, number);

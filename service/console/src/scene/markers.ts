@@ -16,6 +16,11 @@ export interface Marker {
   radius: number | null;
 }
 
+/** Return the place of a point of the map, metres in its own frame. */
+export function pointPlace(at: Vector3, origin: Vector3): Marker["place"] {
+  return { position: at.map((value, axis) => value - origin[axis]!) as Vector3, rotation: null };
+}
+
 /** Radius as a share of half the view's height, so that a marker can be hit from afar. */
 export const MARKER_SIZE = 0.018;
 /** Metres; a marker nearer than this is where the viewer stands. */
