@@ -17,6 +17,7 @@ from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.core.scan.file_names import distinct_names
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.placing.kept_batch import take_hand_placements
 from panoloc.service.cli.placing.place_folder import PlaceFolder
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
@@ -77,8 +78,8 @@ def export(
         make_out_folder(out)
     with session.client(url) as client, tempfile.TemporaryDirectory(prefix="panoloc-") as maps_folder:
         if (placed_folder := PlaceFolder.open(folder)) is not None:
+            stale = _refresh(client, placed_folder)
             placed = placed_folder.placed()
-            stale = _refresh_maps(client, placed)
             written = placed.write_exports(wanted, include_ambiguous, out or folder, scan)
             if written.refusals and stale:
                 written.refusals.append(stale)
@@ -171,17 +172,21 @@ def _images_of(at: Path, answer: JsonObject) -> Iterator[tuple[Path, Result]]:
         yield file, {"status": answer["status"], "answer": {**answer, "pose": image["pose"], "images": [image]}}
 
 
-def _refresh_maps(client: JsonClient, placed: PlacedPhotos) -> str | None:
-    """Update the stored maps, for example with a new georeference; return why that was not possible, else None."""
+def _refresh(client: JsonClient, folder: PlaceFolder) -> str | None:
+    """Store what has changed since: photos placed by hand, and maps, for example with a new georeference.
+
+    Returns why that was not possible, else None.
+    """
     if not client.is_live():
         return (
-            f"no service answers at {client.url}, so the export uses the maps' data from the time of placing; start "
+            f"no service answers at {client.url}, so the export uses what is stored from the time of placing; start "
             "the service to get newer data"
         )
     try:
-        placed.fetch_maps(client, with_points=False)
+        take_hand_placements(client, folder)
+        folder.placed().fetch_maps(client, with_points=False)
     except ClientError as error:
-        return f"the export uses the maps' data from the time of placing, because {error}"
+        return f"the export uses what is stored from the time of placing, because {error}"
     return None
 
 

@@ -27,7 +27,7 @@ from panoloc.service.cli.placing.export import (
     formats_of,
     show_refusals,
 )
-from panoloc.service.cli.placing.kept_batch import keep
+from panoloc.service.cli.placing.kept_batch import keep, take_hand_placements
 from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused, is_final
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, ProcessFailedError, run_module
 from panoloc.service.cli.progress import counts_text, show_counts
@@ -89,6 +89,7 @@ def place(
         maps = client.list_maps(tag) if tag else (client.get_map(each) for each in question.map_ids)
         check_on_earth(formats, maps)
         with PlaceFolder.held(out, question) as folder:
+            take_hand_placements(client, folder)
             placed, codes = _Placing(session, client, folder).run(parallel)
             _keep(session, client, folder, name or photos.resolve().stem)
             pictures = placed.draw_overviews(out)

@@ -131,14 +131,18 @@ class PlaceFolder:
         """Store the result of a photo."""
         assert photo.image is not None
         document = {"name": photo.name, "file": _fingerprint(photo.image), "result": result}
-        _write(self._result_file(photo.name), document)
+        # Another answer to the same file is of the same batch.
+        former = {} if photo.result is None else self._document(photo)
+        _write(self._result_file(photo.name), {**former, **document})
 
     def unkept(self) -> list[Photo]:
         """Return the photos with an answer that no batch of the service has yet."""
-        photos = [self.photo(name) for name in self.files().photos]
-        return [
-            photo for photo in photos if "answer" in (photo.result or {}) and not self._document(photo).get("batch")
-        ]
+        return self._by_batch().get(None, [])
+
+    def kept(self) -> dict[str, dict[str, Photo]]:
+        """Return the photos that batches of the service have, by the id of the batch and their name."""
+        found = {batch: {photo.name: photo for photo in photos} for batch, photos in self._by_batch().items()}
+        return {batch: photos for batch, photos in found.items() if batch is not None}
 
     def note_batch(self, photos: Iterable[Photo], batch_id: str) -> None:
         """Store in which batch of the service photos are."""
@@ -174,6 +178,14 @@ class PlaceFolder:
                 continue
             folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != left_out]
             yield from (here / name for name in files if not name.startswith("."))
+
+    def _by_batch(self) -> dict[str | None, list[Photo]]:
+        """Return the photos with an answer by the id of the batch that has them, None for those without."""
+        found: dict[str | None, list[Photo]] = {}
+        for photo in (self.photo(name) for name in self.files().photos):
+            if photo.result is not None and "answer" in photo.result:
+                found.setdefault(self._document(photo).get("batch"), []).append(photo)
+        return found
 
     def _document(self, photo: Photo) -> JsonObject:
         return _read(self._result_file(photo.name)) or {}

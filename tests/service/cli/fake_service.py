@@ -3,6 +3,7 @@
 import copy
 import io
 import json
+import re
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -54,7 +55,7 @@ class FakeService:
     """Answers requests from a table; `fail_with` makes it answer everything with a problem.
 
     on_request: sees each request first, and may answer it.
-    batches: options of those that were made, or refused with batch_refusal.
+    batches: options of those that were made, or refused with batch_refusal. batch_items: images of each, page by page.
     busy: so many queries are refused with 429. answers: to images with these words in them. at_maps: answer instead
     for maps of these ids. requests: (method, path) in order. parts: the multipart fields of the last upload, by name.
     """
@@ -75,6 +76,7 @@ class FakeService:
     polls: list[dict[str, Any]] = field(default_factory=list)
     batches: list[dict[str, Any]] = field(default_factory=list)
     batch_refusal: httpx.Response | None = None
+    batch_items: list[list[dict[str, Any]]] = field(default_factory=lambda: [[]])
 
     def handle(self, request: httpx.Request) -> httpx.Response:
         """Answer one request."""
@@ -96,7 +98,7 @@ class FakeService:
         if path.endswith("/links"):
             url = json.loads(request.content)["service_url"] + path.replace("/maps/", "/m/").removesuffix("/links")
             return httpx.Response(200, json={"url": f"{url}#key=pk_1", "key_id": "key_1", "qr_svg": "<svg/>"})
-        return self._routes()[request.method, path.partition("/map_")[0]](request)
+        return self._routes()[request.method, re.sub(r"/(map_.*|batch_\d+)$", "", path)](request)
 
     def _routes(self) -> dict[tuple[str, str], Callable[[httpx.Request], httpx.Response]]:
         return {
@@ -108,6 +110,7 @@ class FakeService:
             ("PATCH", "/maps"): lambda request: httpx.Response(200, json={**READY_MAP, **json.loads(request.content)}),
             ("POST", "/localize"): self._localize,
             ("POST", "/batches"): self._make_batch,
+            ("GET", "/batches"): self._get_batch,
             ("GET", "/batches/batch_1/export"): self._export,
             ("GET", "/localizations/loc_1/score-map-2d.png"): lambda _: httpx.Response(200, content=b"a picture"),
         }
@@ -126,6 +129,11 @@ class FakeService:
         with zipfile.ZipFile(out, "w") as archive:
             archive.writestr("query.txt", str(request.url.query, "ascii"))
         return httpx.Response(200, content=out.getvalue())
+
+    def _get_batch(self, request: httpx.Request) -> httpx.Response:
+        number = int(request.url.params.get("cursor", 0))
+        following = str(number + 1) if number + 1 < len(self.batch_items) else None
+        return httpx.Response(200, json={"items": self.batch_items[number], "next_cursor": following})
 
     def _make_batch(self, request: httpx.Request) -> httpx.Response:
         options = json.loads(multipart_fields(request)["options"][0])

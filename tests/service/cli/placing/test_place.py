@@ -288,6 +288,35 @@ def test_what_was_placed_is_kept_once_as_a_batch_under_the_name_of_its_folder(
     assert len(fake.batches) == 2
 
 
+def test_a_photo_placed_by_hand_in_the_console_is_placed_in_the_folder_too_until_that_is_taken_back(
+    place: Panoloc, panoloc: Panoloc, fake: FakeService, out: Path
+) -> None:
+    lost, by_hand = answer_with("not_localized"), {**answer_with("localized"), "placed_by": "hand"}
+    fake.answers = {"is hall.jpg": lost}
+
+    def placed(answer: dict[str, object]) -> list[str]:
+        other = {"name": "rooms/a.jpg", "status": "not_localized", "answer": lost}
+        fake.batch_items = [[other], [{"name": "hall.jpg", "status": answer["status"], "answer": answer}]]
+        place("--export", "potree")
+        return [row[0] for row in rows(out / "potree" / "coordinates.txt")[1:]]
+
+    assert placed(lost) == ["rooms/a.jpg", "rooms/b.png"]
+    assert placed(by_hand) == ["hall.jpg", "rooms/a.jpg", "rooms/b.png"]
+    assert (out / "unplaced.txt").read_text() == ""
+    assert placed(lost) == ["rooms/a.jpg", "rooms/b.png"]
+    fake.batch_items = [[{"name": "hall.jpg", "status": "localized", "answer": by_hand}]]
+    assert panoloc("export", out, "--export", "potree").code == 0
+    assert rows(out / "potree" / "coordinates.txt")[1][0] == "hall.jpg"
+    assert (len(fake.batches), num_queries(fake)) == (1, 3)
+
+
+def test_a_batch_that_was_deleted_does_not_end_the_run(place: Panoloc, fake: FakeService) -> None:
+    place()
+    gone = problem(404, "There is no such batch", "send the images again")
+    fake.on_request = lambda request: gone if request.url.path == "/batches/batch_1" else None
+    assert place().code == 0
+
+
 def test_a_batch_that_is_refused_does_not_fail_the_run_and_is_made_by_the_next(
     place: Panoloc, fake: FakeService
 ) -> None:
