@@ -111,9 +111,11 @@ class ObjectNotFoundError(RequestError):
 
 
 class BatchNotFoundError(RequestError):
-    """There is no batch under this id."""
+    """There is no batch under this id, or no image of this number in it."""
 
-    problem = Problem("batch-not-found", "There is no such batch", 404, "Send the images again.")
+    problem = Problem(
+        "batch-not-found", "There is no such batch, or no such image in it", 404, "Send the images again."
+    )
 
 
 class KeyReusedError(RequestError):

@@ -108,6 +108,11 @@ class CoordinateSystem:
             height, reference = height + geoid_undulation_m, "ellipsoid"
         return EarthPlace(latitude, longitude, height, reference, azimuth)
 
+    def grid_position(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float] | None:
+        """Return east and north of a place on WGS 84, in the unit of the grid; None outside of where the system is defined."""
+        east, north = self._to_earth.transform(longitude_deg, latitude_deg, direction="INVERSE")
+        return (east, north) if math.isfinite(east) and math.isfinite(north) else None
+
 
 @lru_cache(maxsize=64)
 def coordinate_system(text: str) -> CoordinateSystem:

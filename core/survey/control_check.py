@@ -39,7 +39,8 @@ class ControlCheck:
 
     is_on_earth: whether the coordinates are on Earth; else they are of no system, such as a site's. as_is: (n, 3) to the east, north and
     up, metres, where the map puts a point minus where it is known to be; None for a map without a place. fit: None where `no_fit` says why.
-    georeference: by the fit, None where `no_georeference` says why. warnings: in words.
+    georeference: by the fit, None where `no_georeference` says why. suspect: name of the point that is wrong, as far as the others tell.
+    warnings: in words.
     """
 
     is_on_earth: bool
@@ -48,6 +49,7 @@ class ControlCheck:
     no_fit: str | None
     georeference: Georeference | None
     no_georeference: str | None
+    suspect: str | None
     warnings: tuple[str, ...]
 
 
@@ -84,7 +86,7 @@ def check_control(
         fit, georeference = _fit_on_earth(positions, ecef, [point.name for point in used])
     except OptionsError as error:
         words = str(_explained(error, used, grid, undulation_m))
-        return ControlCheck(True, as_is, None, words, None, words, tuple(warnings))
+        return ControlCheck(True, as_is, None, words, None, words, None, tuple(warnings))
     why = None
     if georeference is None:
         away_km = np.linalg.norm(positions.mean(axis=0)) / 1000
@@ -100,7 +102,7 @@ def check_control(
                 "state geoid_undulation_m, or send heights above the ellipsoid"
             ),
         )
-    return ControlCheck(True, as_is, fit, None, georeference, why, (*warnings, *_doubts(fit, used)))
+    return ControlCheck(True, as_is, fit, None, georeference, why, *_doubts(fit, used, warnings))
 
 
 def _local(positions: Array, used: Sequence[ControlPoint], place: Mapping[str, Any]) -> ControlCheck:
@@ -111,8 +113,8 @@ def _local(positions: Array, used: Sequence[ControlPoint], place: Mapping[str, A
     try:
         fit = fit_level(positions, known, [point.name for point in used])
     except OptionsError as error:
-        return ControlCheck(False, as_is, None, str(error), None, str(error), ())
-    return ControlCheck(False, as_is, fit, None, None, why, _doubts(fit, used))
+        return ControlCheck(False, as_is, None, str(error), None, str(error), None, ())
+    return ControlCheck(False, as_is, fit, None, None, why, *_doubts(fit, used))
 
 
 def _explained(
@@ -209,28 +211,35 @@ def _axes_at(ecef: Array) -> Array:
     return ecef_from_enu(latitude, longitude)
 
 
-def _doubts(fit: LevelFit, used: Sequence[ControlPoint]) -> tuple[str, ...]:
-    """Return in words what is wrong with points that have a fit nevertheless."""
-    return *_blunder_words(fit, used), *_scale_words(fit), *_tilt_words(fit)
+def _doubts(
+    fit: LevelFit, used: Sequence[ControlPoint], warnings: Sequence[str] = ()
+) -> tuple[str | None, tuple[str, ...]]:
+    """Return the name of a wrong point, and in words what is wrong with points that have a fit nevertheless, after other warnings."""
+    number = _wrong_point(fit)
+    name = None if number is None else used[number].name
+    blunder = (
+        ()
+        if number is None
+        else (
+            f"{name} is {fit.left_out_m[number]:.2f} m from where the other points put it, which fit to {fit.rest_rms_m[number]:.3f} m "
+            "without it: check its coordinates and its place in the scan, or remove it",
+        )
+    )
+    return name, (*warnings, *blunder, *_scale_words(fit), *_tilt_words(fit))
 
 
-def _blunder_words(fit: LevelFit, used: Sequence[ControlPoint]) -> tuple[str, ...]:
-    """Name the point without which the others fit better than chance explains.
+def _wrong_point(fit: LevelFit) -> int | None:
+    """Return the number of the point without which the others fit better than chance explains.
 
     The squares that it adds to those of the others follow F(3, free) by chance: Baarda's test, with the deviation that the others show
     in place of a stated one. It is made for the worst of all points (Bonferroni).
     """
-    squares, others = float(np.square(fit.residuals).sum()), np.square(fit.rest_rms_m) * (len(used) - 1)
-    number, free = int(others.argmin()), 3 * (len(used) - 1) - _UNKNOWNS
-    off_m, rest_m = fit.left_out_m[number], fit.rest_rms_m[number]
-    if len(used) <= 3 or off_m < _BLUNDER_M:
-        return ()
-    if _chance(others[number] / squares, free) * len(used) > _FALSE_ALARMS:
-        return ()
-    return (
-        f"{used[number].name} is {off_m:.2f} m from where the other points put it, which fit to {rest_m:.3f} m without it: check its "
-        "coordinates and its place in the scan, or remove it",
-    )
+    count = len(fit.residuals)
+    squares, others = float(np.square(fit.residuals).sum()), np.square(fit.rest_rms_m) * (count - 1)
+    number, free = int(others.argmin()), 3 * (count - 1) - _UNKNOWNS
+    if count <= 3 or fit.left_out_m[number] < _BLUNDER_M:
+        return None
+    return None if _chance(others[number] / squares, free) * count > _FALSE_ALARMS else number
 
 
 def _chance(share: float, free: int) -> float:

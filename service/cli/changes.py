@@ -20,7 +20,10 @@ def changes(
         ReportFormat | None, typer.Option(help="Write a report with plan, list and pictures instead of a list.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(dir_okay=False, help="File of the report; default: MAP-changes.FORMAT here.")
+        Path | None,
+        typer.Option(
+            dir_okay=False, help="File of the report, with the ending of its format; default: MAP-changes.FORMAT."
+        ),
     ] = None,
     since: Annotated[
         str | None,
@@ -32,11 +35,17 @@ def changes(
 ) -> int:
     """List the objects that came, went or moved since the scan, or write a report of them."""
     session = Session.of(ctx, json)
+    if out is not None and format is None:
+        raise typer.BadParameter("expected together with --format, got none; add --format html", param_hint="--out")
+    # .bcf and .htm are usual too.
+    if out is not None and format is not None and not (out.suffix and _ending(format).startswith(out.suffix.lower())):
+        message = f"expected a file that ends in {_ending(format)}, got {out}, which may be a report of another format"
+        raise typer.BadParameter(f"{message}; name it {out.with_suffix(_ending(format))}", param_hint="--out")
     query = {name: text for name, text in (("since", since), ("until", until)) if text is not None}
     path = f"/maps/{quote(map_id, safe='')}/changes"
     with session.client(url) as client:
         if format is not None:
-            file = out or Path(f"{map_id}-changes.{'bcfzip' if format == 'bcf' else format}")
+            file = out or Path(f"{map_id}-changes{_ending(format)}")
             file.write_bytes(client.fetch(f"{path}/report?{urlencode({**query, 'format': format})}"))
             session.show({"file": str(file)}, f"wrote {file}")
             return ExitCode.OK
@@ -54,6 +63,10 @@ def changes(
             "No photos are kept to look for objects in; place some with panoloc place.", markup=False
         )
     return ExitCode.OK
+
+
+def _ending(format: ReportFormat) -> str:
+    return ".bcfzip" if format == "bcf" else f".{format}"
 
 
 def _table(objects: list[JsonObject]) -> Table:

@@ -25,7 +25,7 @@ def control_table(report: JsonObject, is_applied: bool = False) -> RenderableTyp
         row = [point["name"], *(_residuals(point["as_is"]) if of_as_is else [])]
         row += [*_residuals(point["fitted"]), _mm(point["left_out_m"])] if of_fit else []
         table.add_row(*map(Text, row))
-    return Group(table, *(Text(line) for line in _lines(report, is_applied)))
+    return Group(table, *(Text(words_here(line)) for line in _lines(report, is_applied)))
 
 
 def _lines(report: JsonObject, is_applied: bool) -> list[str]:
@@ -57,6 +57,11 @@ def _lines(report: JsonObject, is_applied: bool) -> list[str]:
         *(f"no {'fit' if report['no_fit'] else 'georeference'}: {each}" for each in reasons),
         *report["warnings"],
     ]
+
+
+def words_here(text: str) -> str:
+    """Return a message of the service with the option of the command in place of the field of the API."""
+    return text.replace("geoid_undulation_m", "--geoid-undulation")
 
 
 def _residuals(found: JsonObject | None) -> list[str]:

@@ -23,11 +23,16 @@ from panoloc.service.cli.query_options import (
     camera_object,
     check_map_choice,
     hints_object,
+    photo_options,
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
 from panoloc.service.client import ApiProblemError, JsonClient, JsonObject
 from panoloc.service.jobs import ARTIFACTS, QueryOptions
+
+_SENT_AS_PANORAMA = (
+    "twice as wide as high, so it is sent as a panorama, without --hfov; describe another camera with --camera"
+)
 
 Point = tuple[float, float, float]
 Cuboid = tuple[float, float, float, float, float, float]
@@ -121,9 +126,12 @@ def localize(
     with session.client(url) as client:
         # Two folders may hold the same file name.
         for stem, query in zip(distinct_names(query.name.stem for query in queries), queries, strict=True):
+            sent = options if hfov is None else photo_options(query.name, None, options)
+            if sent != options:
+                session.messages.print(f"{query.name.name}: {_SENT_AS_PANORAMA}", markup=False)
             try:
                 with show_waiting(session.messages, f"localizing {escape(query.name.name)}"):
-                    answer = client.localize(query.images, map_id or (), tag, mask, options | query.options)
+                    answer = client.localize(query.images, map_id or (), tag, mask, sent | query.options)
             except ApiProblemError as problem:
                 if len(queries) == 1:
                     raise

@@ -10,7 +10,7 @@ import typer
 from rich.text import Text
 
 from panoloc.core.options import UnitChoice, UpAxisChoice
-from panoloc.service.cli.control_table import control_table
+from panoloc.service.cli.control_table import control_table, words_here
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.cli.tables import map_table, older_revision
@@ -196,10 +196,18 @@ def control_points(
         str | None, typer.Option(metavar="EPSG", help="Coordinate system of x and y; default: that of the map.")
     ] = None,
     undulation: Annotated[
-        float | None, typer.Option(metavar="M", help="Height of the geoid above the ellipsoid, metres.")
+        float | None,
+        typer.Option(
+            "--geoid-undulation",
+            metavar="METRES",
+            help="Height of the geoid above the ellipsoid; default: that of the map.",
+        ),
     ] = None,
     apply: Annotated[
-        bool, typer.Option("--apply", help="Give the map the place on Earth by which the points fit best.")
+        bool,
+        typer.Option(
+            "--apply", help="Give the map the place on Earth by which the points fit best, if none is found wrong."
+        ),
     ] = False,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
@@ -212,28 +220,41 @@ def control_points(
     body: JsonObject | None = None
     if csv is not None:
         body = {
-            "csv": csv.read_text("utf-8-sig", "replace"),
+            "csv": _text_of(csv),
             "coordinate_system": system,
             "geoid_undulation_m": undulation,
         }
     elif system is not None or undulation is not None:
         raise typer.BadParameter(
-            "expected together with a CSV, got none; name the file", param_hint="--system, --undulation"
+            "expected together with a CSV, got none; name the file", param_hint="--system, --geoid-undulation"
         )
     with session.client(url) as client:
         try:
             report = client.control_points(map_id, body)
             found = (report["fit"] or {}).get("georeference")
-            if apply and found:
-                client.change_map(map_id, {"georeference": found})
+            applies = bool(apply and found and not report["suspect"])
+            if applies:
+                stated = {} if undulation is None else {"geoid_undulation_m": undulation}
+                client.change_map(map_id, {"georeference": found, **stated})
                 report = client.control_points(map_id)
         except ClientError as error:
             return session.show_failure(error, [map_id])
-    session.show(report, control_table(report, is_applied=apply and bool(found)))
-    if apply and not found:
-        session.messages.print(f"The map is as it was: {report['no_georeference']}.", markup=False)
+    session.show(report, control_table(report, is_applied=applies))
+    if apply and not applies:
+        wrong = f"{report['suspect']} is wrong, as said above; mend or remove it, and run again"
+        why = words_here(wrong if found else report["no_georeference"])
+        session.messages.print(f"The map is as it was: {why}.", markup=False)
         return ExitCode.ERROR
     return ExitCode.OK
+
+
+def _text_of(csv: Path) -> str:
+    data = csv.read_bytes()
+    if b"\0" in data:
+        raise typer.BadParameter(
+            f"expected a table of text, got {csv}, which is none; export the points as CSV", param_hint="CSV"
+        )
+    return data.decode("utf-8-sig", "replace")
 
 
 def _qr_code(text: str) -> Text:

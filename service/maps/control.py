@@ -96,6 +96,7 @@ def control_document(
         "fit": _fit(found),
         "no_fit": found.no_fit,
         "no_georeference": found.no_georeference,
+        "suspect": found.suspect,
         "warnings": warnings,
     }
 

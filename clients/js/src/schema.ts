@@ -351,6 +351,11 @@ export interface components {
             no_fit: string | null;
             /** No Georeference */
             no_georeference: string | null;
+            /**
+             * Suspect
+             * @description Name of the point that the others show to be wrong; a warning says by how much.
+             */
+            suspect: string | null;
             /** Warnings */
             warnings: string[];
         };
@@ -381,7 +386,7 @@ export interface components {
                 number,
                 number
             ];
-            /** @description Null for a map without `coordinate_system`, and with a `georeference`. */
+            /** @description In the `coordinate_system` of the map; of a map with a `georeference` in that of its control points; null without one. */
             grid: components["schemas"]["GridPosition"] | null;
             /** @description Null for a map without a place on Earth, and outside of its grid. */
             wgs84: components["schemas"]["EarthPosition"] | null;
@@ -514,6 +519,11 @@ export interface components {
             north: number;
             /** Unit */
             unit: string;
+            /**
+             * Height M
+             * @description Height in the system: of a map with a georeference above the geoid, null without `geoid_undulation_m`.
+             */
+            height_m: number | null;
         };
         /**
          * HandPlacement

@@ -132,8 +132,8 @@ def check_on_earth(formats: list[ExportFormat], maps: Iterable[JsonObject]) -> N
     if known and not any(each.get("georeference") or each.get("coordinate_system") for each in known):
         raise typer.BadParameter(
             f"{', '.join(on_earth)}: expected a map with a georeference or a coordinate system, because the format "
-            f"holds places on Earth, got a map with neither; set one with PATCH /maps/{{id}}, or leave the format out "
-            "and write it later with `panoloc export`",
+            f"holds places on Earth, got a map with neither; set one with `panoloc maps set --coordinate-system` "
+            "or `panoloc maps control-points --apply`, or leave the format out and write it later with `panoloc export`",
             param_hint="--export",
         )
 

@@ -14,9 +14,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from panoloc.core.errors import CoreError
-from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS, open_image
-from panoloc.core.options import MAX_PIXELS
+from panoloc.core.image.image_header import KNOWN_FORMATS
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
@@ -39,6 +37,7 @@ from panoloc.service.cli.query_options import (
     UprightOption,
     camera_object,
     check_map_choice,
+    photo_options,
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.client import ApiProblemError, ClientError, JsonClient, JsonObject, UnreachableError
@@ -237,28 +236,6 @@ class _Placing:
         self.session.results.print(f"{_counted(num_photos)}: {counts_text(statuses) or 'none'}", markup=False)
         if statuses["localized"] < num_photos:
             self.session.results.print(f"photos without a pose: {unplaced}", markup=False)
-
-
-def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> JsonObject:
-    """Return the options for one photo.
-
-    camera: from `cameras.json`. asked: the options for all photos, which win; but a field of view is not for panoramas.
-    """
-    options = {**({"cameras": [camera]} if camera else {}), **asked}
-    if camera is None and "cameras" in asked and _is_panorama(photo):
-        del options["cameras"]
-    return options
-
-
-def _is_panorama(photo: Path) -> bool:
-    # Loaded only where needed, with Pillow.
-    from panoloc.core.image.known_camera import is_full_sphere
-
-    try:
-        size = open_image(photo.read_bytes(), IMAGE, MAX_PIXELS).size
-    except (CoreError, OSError):
-        return False  # the service says what is wrong with it
-    return is_full_sphere(size)
 
 
 def _several(names: list[str], note: str) -> str:

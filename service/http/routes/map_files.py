@@ -125,7 +125,8 @@ async def get_starts(request: Request, map_id: str) -> Response:
 async def get_coordinates(request: Request, map_id: str, x: _Metres, y: _Metres, z: _Metres) -> Response:
     """Return where a position of the map's own frame is on Earth; null where the map has no place there."""
     record = maps_seen(request).get(map_id)
-    return JSONResponse(await asyncio.to_thread(coordinates_of, place_on_earth(record), (x, y, z)))
+    control = await services_of(request).control.read(map_id)
+    return JSONResponse(await asyncio.to_thread(coordinates_of, place_on_earth(record), control, (x, y, z)))
 
 
 async def _file(request: Request, map_id: str, name: str) -> tuple[bytes, MapRef]:

@@ -152,6 +152,9 @@ class ControlReport(ResponseModel):
     fit: ControlFit | None
     no_fit: str | None = Field(description="Why there is no fit, and what to do.")
     no_georeference: str | None
+    suspect: str | None = Field(
+        description="Name of the point that the others show to be wrong; a warning says by how much."
+    )
     warnings: list[str]
 
 
@@ -203,5 +206,6 @@ CONTROL_EXAMPLE: dict[str, Any] = {
     },
     "no_fit": None,
     "no_georeference": None,
+    "suspect": None,
     "warnings": [],
 }

@@ -65,6 +65,7 @@ COORDINATES_EXAMPLE = {
         "east": 691520.0,
         "north": 5334740.0,
         "unit": "m",
+        "height_m": 521.3,
     },
     "wgs84": {"latitude_deg": 48.138, "longitude_deg": 11.574, "height_m": 521.3, "height_reference": "unknown"},
 }

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from panoloc.core.survey.resection import LEAST_PAIRS, MOST_PAIRS
 from panoloc.service.answer import Accuracy, PoseAnswer, ResponseModel
@@ -30,6 +30,13 @@ class ClickedPair(RequestModel):
     position_m: Vector = Field(description="The point in the map's own frame.")
 
 
+def _is_a_choice(value: object) -> object:
+    # Else each of both types would be refused by itself, under a name of its own.
+    if isinstance(value, bool) or value in ("given", "refined"):
+        return value
+    raise ValueError('expected true, false, "given" or "refined"')
+
+
 class HandPose(RequestModel):
     """The body of `POST /batches/{id}/images/{number}/pose`: a rough pose, or pairs of clicked points."""
 
@@ -49,7 +56,7 @@ class HandPose(RequestModel):
     refine: bool = Field(
         True, description="Refine the pose on photo and scan; false: it stays as it is set, or as the pairs say."
     )
-    confirm: bool | Literal["given", "refined"] = Field(
+    confirm: Annotated[bool | Literal["given", "refined"], BeforeValidator(_is_a_choice)] = Field(
         False,
         description="Store the result: true, the pose that `better` names; or the given or the refined one. Otherwise nothing is stored.",
     )

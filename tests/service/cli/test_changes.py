@@ -5,6 +5,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService
@@ -18,6 +19,24 @@ def test_objects_are_listed_with_place_size_and_certainty(panoloc: Panoloc, fake
     assert "91%" in out
     (document,) = panoloc("changes", "map_1", "--json").documents
     assert document["objects"] == CHANGES_EXAMPLE["objects"]
+
+
+def test_a_report_is_written_under_the_ending_of_its_format_alone(
+    panoloc: Panoloc, fake: FakeService, tmp_path: Path
+) -> None:
+    fake.on_request = lambda request: httpx.Response(200, content=b"a report")
+    former = tmp_path / "report.pdf"
+    former.write_bytes(b"of another format")
+    for options in (
+        ("--format", "html", "--out", former),
+        ("--out", former),
+        ("--format", "pdf", "--out", tmp_path / "pdf"),
+    ):
+        assert panoloc("changes", "map_1", *options).code == ExitCode.USAGE
+    assert (former.read_bytes(), fake.requests) == (b"of another format", [])
+    for format, name in (("pdf", "report.PDF"), ("bcf", "report.bcf"), ("bcf", "report.bcfzip")):
+        assert panoloc("changes", "map_1", "--format", format, "--out", tmp_path / name).code == 0
+        assert (tmp_path / name).read_bytes() == b"a report"
 
 
 def test_without_photos_it_says_what_to_do(panoloc: Panoloc, fake: FakeService) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from PIL import Image
 
 from panoloc.core.options import MAX_TOP_K
 from panoloc.service.client import JsonClient
@@ -158,6 +159,15 @@ def test_a_photos_camera_is_sent_along(
     given = panorama.parent / value if option == "--camera" else value
     assert localize(option, given).code == 0
     assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
+
+
+def test_a_panorama_gets_no_field_of_view_and_that_is_said(
+    localize: Panoloc, fake: FakeService, panorama: Path
+) -> None:
+    Image.new("RGB", (64, 32)).save(panorama, "PNG")
+    said = localize("--hfov", "69").said
+    assert "cameras" not in json.loads(fake.parts["options"][0])
+    assert "sent as a panorama, without --hfov" in said
 
 
 @pytest.mark.parametrize(

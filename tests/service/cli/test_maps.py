@@ -208,15 +208,33 @@ def test_control_points_are_sent_shown_in_millimetres_and_applied(
         return None if request.method == "PATCH" else httpx.Response(200, json=CONTROL_EXAMPLE)
 
     fake.on_request = answer
-    out = panoloc("maps", "control-points", "map_1", str(points), "--system", "EPSG:25832", "--apply").out
+    command = ("maps", "control-points", "map_1", str(points), "--system", "EPSG:25832", "--apply")
+    out = panoloc(*command, "--geoid-undulation", "46.2").out
     assert sent[0]["csv"] == points.read_text()
     assert sent[0]["coordinate_system"] == "EPSG:25832"
     assert sent[1]["georeference"]["latitude_deg"] == 48.1371
+    assert sent[1]["geoid_undulation_m"] == 46.2
     assert "the map has it now" in " ".join(out.split())
     assert "--apply sets it" in " ".join(panoloc("maps", "control-points", "map_1").out.split())
     assert "7.8" in out
     assert "horizontal 8.0, up 4.0, 3D 8.9 mm" in out
     assert "+200 ppm" in out
+
+
+def test_a_place_by_points_of_which_one_is_wrong_is_not_applied(panoloc: Panoloc, fake: FakeService) -> None:
+    report = {**CONTROL_EXAMPLE, "suspect": "P1", "warnings": ["P1 is 0.31 m from where the other points put it"]}
+    fake.on_request = lambda request: httpx.Response(200, json=report)
+    done = panoloc("maps", "control-points", "map_1", "--apply")
+    assert (done.code, [method for method, _ in fake.requests]) == (ExitCode.ERROR, ["GET"])
+    assert "The map is as it was: P1 is wrong" in done.err
+    assert "--apply sets it" in " ".join(done.out.split())
+
+
+def test_a_picture_is_no_table_of_points(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
+    picture = tmp_path / "points.jpg"
+    picture.write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF")
+    done = panoloc("maps", "control-points", "map_1", picture)
+    assert (done.code, "expected a table of text" in done.said, fake.requests) == (ExitCode.USAGE, True, [])
 
 
 def test_points_that_give_no_place_leave_the_map_as_it_is(panoloc: Panoloc, fake: FakeService) -> None:

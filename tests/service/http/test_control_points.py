@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.earth.geopose import Georeference, earth_pose
+from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.geometry.pose import Pose
 from panoloc.service.http.schemas.control import ControlReport
 from panoloc.service.keys.caller import Scope
@@ -46,6 +47,29 @@ async def test_points_give_a_map_its_place_and_then_agree_with_it(running: Runni
     report = await running.json(f"/maps/{map_id}/control-points")
     assert report["as_is"]["rms_m"] < 0.001
     assert report["points"][0]["as_is"]["distance_m"] < 0.001
+
+
+async def test_a_map_that_got_its_place_from_points_of_a_grid_tells_positions_on_that_grid(
+    running: RunningService,
+) -> None:
+    map_id = await running.ready_map()
+    grid, undulation_m = coordinate_system("EPSG:25832"), 46.2
+    lines, known = ["name,x,y,z,map_x,map_y,map_z"], []
+    for number, at in enumerate(CORNERS):
+        there = earth_pose(TRUTH, Pose(np.eye(3), np.array(at)))
+        position = grid.grid_position(there.latitude_deg, there.longitude_deg)
+        assert position is not None
+        known.append((*position, there.height_m - undulation_m))
+        lines.append(",".join(map(str, (f"P{number}", *known[-1], *at))))
+    sent = {"csv": "\n".join(lines), "coordinate_system": "EPSG:25832", "geoid_undulation_m": undulation_m}
+    found = (await put(running, map_id, **sent))["fit"]["georeference"]
+    at_p3 = {"x": CORNERS[3][0], "y": CORNERS[3][1], "z": CORNERS[3][2]}
+    before = (await running.client.get(f"/maps/{map_id}/coordinates", params=at_p3)).json()
+    assert (before["grid"], before["wgs84"]) == (None, None)
+    await running.client.patch(f"/maps/{map_id}", json={"georeference": found})
+    told = (await running.client.get(f"/maps/{map_id}/coordinates", params=at_p3)).json()["grid"]
+    assert (told["coordinate_system"], told["unit"]) == ("EPSG:25832", "m")
+    assert [told["east"], told["north"], told["height_m"]] == pytest.approx(known[3], abs=0.001)
 
 
 async def test_a_clicked_place_outlives_a_new_list_of_coordinates(running: RunningService) -> None:

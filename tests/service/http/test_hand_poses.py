@@ -145,6 +145,7 @@ async def test_what_cannot_be_placed_is_refused_with_what_to_do(running: Running
         ({"pairs": in_line}, "pairs"),
         ({"pairs": [{**each, "pixel": [2000, 100]} for each in pairs()]}, "pairs.0.pixel"),
         ({"pose": {**ROUGH, "frame": "nowhere"}}, "pose.frame"),
+        ({"pose": ROUGH, "confirm": "maybe"}, "confirm"),
     ):
         reply = await running.client.post(path, json=body)
         assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, field), reply.text

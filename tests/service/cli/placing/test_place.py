@@ -11,8 +11,8 @@ from PIL import Image
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.service.cli import progress
-from panoloc.service.cli.placing.place import photo_options
 from panoloc.service.cli.placing.place_folder import PlaceFolder, Question
+from panoloc.service.cli.query_options import photo_options
 from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
@@ -244,7 +244,7 @@ def test_a_format_of_places_on_earth_is_refused_before_the_first_photo_where_the
         outcome = panoloc(*command, *choice)
         assert outcome.code == EXIT_USAGE
         assert "geojson: expected a map with a georeference" in outcome.said
-        assert "PATCH /maps/{id}" in outcome.said
+        assert "panoloc maps set --coordinate-system" in outcome.said
     assert num_queries(fake) == 0
     fake.polls = [IN_SEATTLE] * 2
     assert panoloc(*command, "--map", "map_1").code == 0
