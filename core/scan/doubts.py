@@ -85,6 +85,16 @@ def ask_unit(context: ReadingContext, frame: ScanFrame, read_as: ReadAs, seen: S
     context.ask(code, message, "Which unit are the coordinates in?", choices)
 
 
+def ask_assumed_unit(context: ReadingContext, seen: Seen) -> None:
+    """Ask for the unit where neither the file nor a storey tells it."""
+    message = "The file does not say its unit, and there is no floor with a ceiling to judge it by; metres were taken."
+    choices = [
+        _choice(_WORDS[unit], {"unit": unit, "height_unit": unit}, seen.positions * METRES_PER_UNIT[unit], None)
+        for unit in JUDGED_UNITS
+    ]
+    context.ask("unit_doubtful", message, "Which unit are the coordinates in?", choices)
+
+
 def ask_feet(context: ReadingContext, seen: Seen, storey: Storey) -> None:
     """Ask which of the two kinds of feet a scan is in that lies far from the origin."""
     message = "By the heights of its rooms and tables the scan is in feet; so far from the origin it matters which."

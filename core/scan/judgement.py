@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from panoloc.core.earth.georeference import CoordinateSystem
 from panoloc.core.options import METRES_PER_UNIT, Unit, UpAxis
-from panoloc.core.scan.doubts import HIGHEST_STOREY_M, JUDGED_UNITS, Seen, ask_feet, ask_unit, ask_up_axis
+from panoloc.core.scan.doubts import (
+    HIGHEST_STOREY_M,
+    JUDGED_UNITS,
+    Seen,
+    ask_assumed_unit,
+    ask_feet,
+    ask_unit,
+    ask_up_axis,
+)
 from panoloc.core.scan.frame import UNIT_TOLERANCE, Array, ReadAs, ScanFrame, unit_of
 from panoloc.core.scan.gravity import Storey, look_along, up_axis_of
 from panoloc.core.scan.reading_context import ReadingContext
@@ -55,6 +63,8 @@ def judge(
         frame, read_as = replace(frame, up_axis=up), replace(read_as, up_axis=up, up_axis_from="judged")
     elif (up != "z" and is_sure) or (not is_sure and read_as.up_axis_from == "assumed"):
         ask_up_axis(context, read_as, seen, up, is_sure, metres)
+    if storey is None and is_assumed and len(cells.centers):
+        ask_assumed_unit(context, seen)
     if storey is None or unit == "m":
         return Judged(frame, read_as)
     if unit is None or not is_assumed:

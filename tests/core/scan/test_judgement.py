@@ -102,8 +102,12 @@ def test_far_from_the_origin_it_is_asked_which_feet() -> None:
     assert [choice["patch"]["unit"] for choice in asked.question["choices"]] == ["ft", "us-ft"]
 
 
-def test_a_place_without_rooms_is_taken_as_it_is() -> None:
+def test_a_place_without_rooms_is_taken_in_metres_and_asked_about() -> None:
     open_place = room().positions[room().positions[:, 2] < 1.5]
     found = read("scan.ply", encode_ply(replace(room(), positions=open_place, colors=room().colors[: len(open_place)])))
     assert found.read_as is not None
     assert (found.read_as.unit, found.read_as.unit_from, found.read_as.up_axis) == ("m", "assumed", "z")
+    (asked,) = questions_of(found)
+    assert asked.question is not None
+    sides = {choice["patch"]["unit"]: choice["extent_m"][0] for choice in asked.question["choices"]}
+    assert sides["ft"] == pytest.approx(0.3048 * sides["m"], abs=0.002)
