@@ -32,8 +32,10 @@ def descendants(pid: int) -> list[int]:
 
 
 def command_of(pid: int) -> str:
-    """Return the command line of a process, its words between spaces; empty when the process has ended."""
+    """Return the command line of a process, its words between spaces, or the name that it took; empty when it has ended."""
     try:
-        return " ".join(psutil.Process(pid).cmdline())
+        process = psutil.Process(pid)
+        name = process.name()
+        return name if name.startswith("panoloc-") else " ".join(process.cmdline())
     except psutil.Error:
         return ""

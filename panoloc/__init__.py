@@ -13,7 +13,7 @@ service; its maps are `Map`, and its answers `Localized`, `Ambiguous` or `NotLoc
 can go wrong. A name loads its module when it is first used: importing `panoloc` loads nothing.
 """
 
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used. Raises AttributeError for any other name."""
     if name == "__version__":
+        from importlib import metadata  # a third of the start of a process that reads a scan
+
         return metadata.version("panoloc")
     if name not in _HOMES:
         raise AttributeError(f"module 'panoloc' has no attribute {name!r}; it offers {', '.join(__all__)}")

@@ -85,9 +85,9 @@ def build_pool(settings: Settings, redis_url: str) -> ProcessPool:
     plan = WorkerPlan(WorkerSettings.of(settings, redis_url))
     if settings.ray_address is None:
         return local_pool(settings, plan)
-    from panoloc.service.ray.bridge_pool import bridge_pool
+    from panoloc.service.ray.bridge_pool import BridgePool
 
-    return bridge_pool(settings, plan)
+    return BridgePool(settings, plan)
 
 
 def _claim(settings: Settings, storage: Storage, stack: contextlib.ExitStack) -> BucketClaim | None:

@@ -16,10 +16,11 @@ from panoloc.service.errors import NoWorkerError
 from panoloc.service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, PoolState, RegisterJob, RegisterOutcome, at_once
 from panoloc.service.pool.admission import Admission
+from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.map_builds import MapBuilds, time_limit
 from panoloc.service.pool.messages import Build
 from panoloc.service.pool.shares import shares_of
-from panoloc.service.pool.worker_process import Work, WorkerLostError, WorkerProcess, run_build
+from panoloc.service.pool.worker_process import Process, Work, WorkerLostError, WorkerProcess, run_build
 from panoloc.service.settings import Settings
 from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerReply, error_of
@@ -46,7 +47,7 @@ def local_pool(settings: Settings, plan: WorkerPlan) -> "ProcessPool":
     plan = replace(plan, settings=replace(plan.settings, workers_per_machine=num_workers))
     environments = [{"CUDA_VISIBLE_DEVICES": gpus[number % len(gpus)]} if gpus else {} for number in range(num_workers)]
     memory_bytes = int(_WORKERS_SHARE * usable_memory_bytes() / num_workers)
-    return ProcessPool(settings, plan, "panoloc.service.pool.child", environments, memory_bytes)
+    return ProcessPool(settings, plan, environments, memory_bytes)
 
 
 class ProcessPool:
@@ -57,14 +58,14 @@ class ProcessPool:
     """
 
     def __init__(
-        self, settings: Settings, plan: WorkerPlan, module: str, environments: Sequence[Variables], memory_bytes: int
+        self, settings: Settings, plan: WorkerPlan, environments: Sequence[Variables], memory_bytes: int
     ) -> None:
-        """module: what the processes run, with its arguments. environments: of each process.
+        """environments: of each process.
 
         memory_bytes: resident memory of one process, beyond which it is replaced.
         """
         self._plan = plan
-        self._module = module
+        self._fork_server = ForkServer(plan.modules)
         self._environments = environments
         self._memory_bytes = memory_bytes
         self.admission = Admission(settings.queue_limit)
@@ -95,6 +96,7 @@ class ProcessPool:
         for task in self._supervisors:
             task.cancel()
         await asyncio.gather(*self._supervisors, return_exceptions=True)
+        await self._fork_server.stop()
         self._refuse_waiting("the service is stopped")
 
     @property
@@ -234,11 +236,14 @@ class ProcessPool:
             self._problem = ""
         self._hand_out()
 
+    async def _start(self, variables: Variables) -> Process:
+        return await self._fork_server.start("worker", variables)
+
     async def _supervise(self, environment: Variables) -> None:
         """Keep one process running: start another when it has ended, after a pause when it ended before it was ready."""
         pause_s = _FIRST_PAUSE_S
         while True:
-            process = WorkerProcess(self._plan, self._module, environment, self._note_change)
+            process = WorkerProcess(self._plan, lambda: self._start(environment), self._note_change)
             self._processes.append(process)
             try:
                 how = await process.run()
@@ -271,7 +276,7 @@ class ProcessPool:
                 process.end_if_astray(self._memory_bytes)
 
     async def _build(self, job: Build) -> WorkerReply[Any]:
-        return await run_build(self._plan, job)
+        return await run_build(self._plan, job, self._fork_server)
 
 
 def _outcome(reply: WorkerReply[Result]) -> Result:

@@ -5,26 +5,24 @@ import contextlib
 import os
 import pickle
 import signal
-import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from panoloc.service.errors import NoWorkerError
-from panoloc.service.host.process_resources import SPINNING
 from panoloc.service.jobs import LocalizeJob, MapRef
+from panoloc.service.pool.forked_process import ForkedProcess, ForkServer
 from panoloc.service.pool.messages import Build, Request, Status, received
 from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerReply
 
-_BUFFER_BYTES = 1 << 20
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 # A search checks its deadline often. One that is this late hangs in native code.
 OVERDUE_S = 60.0
-# glibc keeps freed panoramas in up to eight heaps per core otherwise.
-_ENVIRONMENT = {"MALLOC_ARENA_MAX": "2", **SPINNING}
+
+Process = ForkedProcess | asyncio.subprocess.Process
 
 
 class WorkerLostError(Exception):
@@ -53,7 +51,7 @@ class Work:
 
 
 class WorkerProcess:
-    """A process started with a fresh interpreter. It ends when the service ends: its input is a pipe that the kernel then closes.
+    """A process that speaks as `panoloc.service.pool.messages` says. It ends when the service ends: the kernel then closes its input.
 
     status: what it said last, without workers once it has ended. was_ready: whether it was ready when it ended.
     under_way: what it works on, by number. known_maps: maps that it has answered for.
@@ -62,17 +60,14 @@ class WorkerProcess:
     def __init__(
         self,
         plan: WorkerPlan,
-        module: str,
-        variables: Mapping[str, str] | None = None,
+        start: Callable[[], Awaitable[Process]],
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
-        """module, with its arguments: what to run. variables: for its environment. on_change: called after each message."""
+        """start: starts the process, with pipes. on_change: called after each message."""
         self._plan = plan
-        self._command = [sys.executable, "-P", "-m", *module.split()]
-        self._environment = _ENVIRONMENT | dict(os.environ) | dict(variables or {})
-        self._environment["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+        self._start = start
         self._on_change = on_change
-        self._process: asyncio.subprocess.Process | None = None
+        self._process: Process | None = None
         self._killed_for = ""
         self.status = Status()
         self.was_ready = False
@@ -81,11 +76,7 @@ class WorkerProcess:
 
     async def run(self) -> str:
         """Start the process, take its messages until it ends, and return how it ended. Cancelling the call kills it."""
-        # A session of its own: a terminal's interrupt is for the service, which lets the work under way end.
-        process = self._process = await asyncio.create_subprocess_exec(
-            *self._command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, env=self._environment,
-            start_new_session=True, limit=_BUFFER_BYTES,
-        )  # fmt: skip
+        process = self._process = await self._start()
         try:
             self._write(self._plan)
             for work in self.under_way.values():
@@ -126,7 +117,7 @@ class WorkerProcess:
         elif self._resident_bytes() > memory_bytes:
             self.kill(f"it used more than {memory_bytes / 2**30:.1f} GiB of memory")
 
-    async def _take_messages(self, process: asyncio.subprocess.Process) -> None:
+    async def _take_messages(self, process: Process) -> None:
         assert process.stdout is not None
         with contextlib.suppress(asyncio.IncompleteReadError):
             while True:
@@ -154,13 +145,13 @@ class WorkerProcess:
             return 0
 
 
-async def run_build(plan: WorkerPlan, job: Build) -> WorkerReply[Any]:
+async def run_build(plan: WorkerPlan, job: Build, server: ForkServer) -> WorkerReply[Any]:
     """Run one registration or rebuild in a process of its own, so that queries come first and its memory is returned at the end.
 
-    Cancelling the call ends the process. Raises NoWorkerError when the process dies.
+    server: starts it. Cancelling the call ends the process. Raises NoWorkerError when the process dies.
     """
     work = Work(0, job)
-    process = WorkerProcess(plan, "panoloc.service.pool.child builder")
+    process = WorkerProcess(plan, lambda: server.start("builder"))
     process.begin(work)
     running = asyncio.create_task(process.run())
     running.add_done_callback(lambda _: work.fail(WorkerLostError("it could not be started")))

@@ -21,6 +21,7 @@ from ray.serve.schema import LoggingConfig
 
 from panoloc.service.host.process_resources import SPINNING, return_freed_memory
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
+from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.messages import Build
 from panoloc.service.pool.worker_process import OVERDUE_S, run_build
 from panoloc.service.settings import Settings
@@ -99,10 +100,11 @@ class Builder:
 
     def __init__(self, plan: WorkerPlan) -> None:
         self._plan = plan
+        self._fork_server = ForkServer(plan.modules)
 
     async def build(self, job: Build) -> WorkerReply[Any]:
         """Run one registration or rebuild. Raises NoWorkerError when its process dies."""
-        return await run_build(self._plan, job)
+        return await run_build(self._plan, job, self._fork_server)
 
 
 def description(plan: WorkerPlan) -> dict[str, str]:

@@ -4,22 +4,24 @@ import sys
 from typing import Any
 
 from panoloc.service.errors import NoWorkerError
+from panoloc.service.pool.forked_process import start_program
 from panoloc.service.pool.messages import Build
-from panoloc.service.pool.process_pool import ProcessPool
-from panoloc.service.pool.worker_process import Work, WorkerLostError
+from panoloc.service.pool.process_pool import ProcessPool, Variables
+from panoloc.service.pool.worker_process import Process, Work, WorkerLostError
 from panoloc.service.settings import Settings
 from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerReply, error_of
 
 
-def bridge_pool(settings: Settings, plan: WorkerPlan) -> "BridgePool":
-    """Return the pool of `settings.ray_address`; nothing starts yet."""
-    module = f"panoloc.service.ray.bridge {settings.ray_address}"
-    return BridgePool(settings, plan, module, [{"RAY_USAGE_STATS_ENABLED": "0"}], sys.maxsize)
-
-
 class BridgePool(ProcessPool):
-    """Queries and builds go to the cluster; the queue, the repeats and the admission are those of every pool."""
+    """Queries and builds go to the cluster of `settings.ray_address`; the queue, the repeats and the admission are those of every pool."""
+
+    def __init__(self, settings: Settings, plan: WorkerPlan) -> None:
+        super().__init__(settings, plan, [{"RAY_USAGE_STATS_ENABLED": "0"}], sys.maxsize)
+        self._address = str(settings.ray_address)
+
+    async def _start(self, variables: Variables) -> Process:
+        return await start_program("panoloc.service.ray.bridge", self._address, variables=variables)
 
     async def _build(self, job: Build) -> WorkerReply[Any]:
         bridge = next((each for each in self._processes if each.status.num_workers), None)

@@ -87,6 +87,11 @@ class WorkerPlan:
     worker: str = "panoloc.service.worker.localization_worker:build_worker"
     registrar: str = "panoloc.service.worker.registrar:build_registrar"
 
+    @property
+    def modules(self) -> set[str]:
+        """Return what workers and registrars import, which takes most of the time of their start."""
+        return {self.worker.partition(":")[0], self.registrar.partition(":")[0]}
+
     def build_worker(self) -> QueryWorker:
         """Import the factory of query workers and call it."""
         worker: QueryWorker = pkgutil.resolve_name(self.worker)(self.settings)

@@ -29,7 +29,7 @@ from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
 # What comes back by itself.
-KILLED = {"worker": "panoloc.service.pool.child", "redis": "redis.sock"}
+KILLED = {"worker": "panoloc-worker", "redis": "redis.sock"}
 _REPLICAS = 3
 _CAMPUS_SEED = 30_000  # of the first room
 _READ_S = 2.0  # after a kill, in which a map is read again and again

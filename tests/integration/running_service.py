@@ -134,7 +134,7 @@ class RunningService:
 
     def worker_pid(self) -> int:
         """Return the process that answers queries."""
-        (worker,) = [pid for pid in self.family() if command_of(pid).endswith("-m panoloc.service.pool.child")]
+        (worker,) = [pid for pid in self.family() if command_of(pid) == "panoloc-worker"]
         return worker
 
     def stop(self) -> int:

@@ -28,6 +28,6 @@ def test_queries_and_memory_of_a_service_started_for_it(tmp_path: Path) -> None:
     assert parts["query"]["map"]["num_points"] == 6_000
     memory = parts["memory"]
     assert memory["peak_bytes"] >= memory["after_bytes"] > 0
-    assert any("pool.child" in name for name in memory["idle_by_process"])
+    assert any("panoloc-worker" in name for name in memory["idle_by_process"])
     assert "Queries over HTTP" in done.stdout
     assert "Memory of the service" in done.stdout

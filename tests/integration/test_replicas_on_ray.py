@@ -47,7 +47,9 @@ class Site:
         return str(answer.json()["id"])
 
     def nodes_that_register(self) -> list[int]:
-        return [node for node in BOTH_NODES for pid in self.cluster.family(node) if "child builder" in command_of(pid)]
+        return [
+            node for node in BOTH_NODES for pid in self.cluster.family(node) if command_of(pid) == "panoloc-builder"
+        ]
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Nothing that the service does needs Open3D."""
+"""Nothing that the service does needs Open3D, and nothing that a fork server loads asks for CUDA."""
 
 import subprocess
 import sys
@@ -8,10 +8,12 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
-import sys
+import sys, torch
+has_cuda, torch.cuda.is_available = torch.cuda.is_available, None  # what asks for CUDA while it is loaded, before a fork, fails
 sys.modules["open3d"] = None  # as if it were not installed
 from pathlib import Path
 import panoloc.service.serve, panoloc.service.pool.child, panoloc.service.worker.localization_worker, panoloc.service.worker.registrar
+torch.cuda.is_available = has_cuda
 from panoloc.core.camera.rig import Rig
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.localizer import Localizer

@@ -40,7 +40,7 @@ class ScriptedWorker:
         if job.share is not None:
             (self._folder / f"{job.share}.maps").write_text(" ".join(ref.id for ref in job.maps))
             return WorkerReply(scores=tuple(script["scores"].get(ref.id, 0.0) for ref in job.maps), worker=self._name)
-        figures = {"pid": os.getpid(), "request_id": job.request_id}
+        figures = {"pid": os.getpid(), "request_id": job.request_id, "gpus": os.environ.get("CUDA_VISIBLE_DEVICES")}
         figures |= {"maps": [ref.id for ref in job.maps], "num_maps": job.num_maps}
         outcome = LocalizeOutcome(empty_answer(status="localized", search=figures))
         return WorkerReply(outcome, worker=self._name, duration_s=0.1, resident_bytes=1234)

@@ -9,14 +9,15 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
-from panoloc.lab.process_memory import command_of, descendants
+from panoloc.lab.process_memory import command_of
 from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError, StoredFileDamagedError
 from panoloc.service.jobs import LocalizeOutcome
 from panoloc.service.pool.process_pool import local_pool
-from panoloc.service.ray.bridge_pool import bridge_pool
+from panoloc.service.ray.bridge_pool import BridgePool
 from panoloc.service.settings import Settings
 from tests.integration.ray_cluster import RayClusterOfOthers
 from tests.integration.running_service import ROOT, eventually, is_running
@@ -47,7 +48,7 @@ def running(request: pytest.FixtureRequest) -> Iterator[PoolInThread]:
             command = [sys.executable, "-c", _DEPLOY, cluster.address, pickle.dumps(plan).hex()]
             subprocess.run(command, cwd=ROOT, check=True, timeout=240)
             settings = Settings(data_dir=folder, queue_limit=10, ray_address=cluster.address)
-            running = PoolInThread(folder, bridge_pool(settings, plan))
+            running = PoolInThread(folder, BridgePool(settings, plan))
             running.wait_until_ready()
             yield running
             running.stop()
@@ -185,4 +186,5 @@ def test_a_draining_pool_refuses_what_comes_and_ends_its_processes(running: Pool
     (running.folder / "last-go").touch()
     running.run(running.pool.stop(drain_s=60))
     assert under_way.result(1).answer.status == "localized"
-    assert not [pid for pid in descendants(os.getpid()) if "panoloc.service.pool" in command_of(pid)]
+    # Those of the cluster are no children of this process; with a fork server its children end.
+    assert not [each for each in psutil.Process().children() if "panoloc.service" in command_of(each.pid)]

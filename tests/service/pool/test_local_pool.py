@@ -31,7 +31,7 @@ def running_pool(folder: Path, num_workers: int | None = 1) -> Iterator[PoolInTh
 
 
 def workers() -> list[int]:
-    return [pid for pid in descendants(os.getpid()) if command_of(pid).endswith("panoloc.service.pool.child")]
+    return [pid for pid in descendants(os.getpid()) if command_of(pid) == "panoloc-worker"]
 
 
 def test_a_worker_that_hangs_past_its_deadline_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,6 +128,19 @@ def test_of_two_workers_one_answers_while_the_other_one_is_replaced(tmp_path: Pa
         assert eventually(lambda: running.pool.state().num_workers == 2 and len(pids & set(workers())) == 1, 30)
 
 
+def test_a_fork_server_that_is_killed_ends_what_it_has_forked_and_another_one_starts(tmp_path: Path) -> None:
+    with running_pool(tmp_path) as running:
+        running.wait_until_ready()
+        (begun,) = running.begin_localizing(query("begun", until="go"))
+        assert eventually((tmp_path / "begun.started").exists, 30)
+        (server,) = [pid for pid in descendants(os.getpid()) if "fork_server" in command_of(pid)]
+        (orphan,) = workers()
+        os.kill(server, signal.SIGKILL)
+        assert eventually(lambda: not is_running(orphan), 30)
+        (tmp_path / "go").touch()
+        assert begun.result(60).answer.search["pid"] != orphan
+
+
 def test_a_query_goes_to_the_worker_that_has_its_maps(tmp_path: Path) -> None:
     with running_pool(tmp_path, num_workers=2) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
@@ -146,6 +159,7 @@ def test_every_gpu_has_a_worker_which_sees_no_other(tmp_path: Path, monkeypatch:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,3")
     with running_pool(tmp_path, num_workers=None) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
-        variables = [Path(f"/proc/{pid}/environ").read_bytes().split(b"\0") for pid in workers()]
-        devices = [each for of_one in variables for each in of_one if each.startswith(b"CUDA_VISIBLE_DEVICES=")]
-        assert sorted(devices) == [b"CUDA_VISIBLE_DEVICES=1", b"CUDA_VISIBLE_DEVICES=3"]
+        both = running.begin_localizing(*(query(f"g-{number}", until="go") for number in range(2)))
+        assert eventually(lambda: len(list(tmp_path.glob("g-*.started"))) == 2, 30)
+        (tmp_path / "go").touch()
+        assert sorted(each.result(60).answer.search["gpus"] for each in both) == ["1", "3"]

@@ -7,6 +7,7 @@ import pytest
 
 from panoloc.service.errors import NoWorkerError, RegistrationLimitError, TryAgainError, WorkerError
 from panoloc.service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterOutcome
+from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.map_builds import MapBuilds
 from panoloc.service.pool.worker_process import run_build
 from panoloc.service.worker.plan import WorkerPlan
@@ -163,7 +164,7 @@ async def test_a_build_whose_process_cannot_start_fails_at_once(monkeypatch: pyt
 
     monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse)
     with pytest.raises(NoWorkerError, match=r"could not be started.*memory"):
-        await run_build(cast(WorkerPlan, None), MAP)
+        await run_build(cast(WorkerPlan, None), MAP, ForkServer([]))
 
 
 async def test_the_end_ends_rebuilds_and_those_who_wait_for_them() -> None:
