@@ -25,7 +25,6 @@ class JudgeConfig:
     agreement: float = 0.5  # correlation from which on a patch agrees, or an image surely shows what is there
     # An answer that is this sure is the answer; one at a single place may be less so once all candidates of a search were looked at.
     sure: float = 0.8
-    narrow_share: float = 0.3  # of the sphere; rigs that cover less are looked at more closely
 
 
 @dataclass(frozen=True)
