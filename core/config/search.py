@@ -15,8 +15,7 @@ class SearchConfig:
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
     kept_starts: int = 128  # never fewer
     # The poses that patches like best are scored again by pixels, all together so many.
-    rescored_pixels: int = 1_000_000
-    few_rescored_pixels: int = 300_000  # of wide rigs, where lines leave few rotations, and of each translation grid
+    rescored_pixels: int = 300_000  # and those of each translation grid
     # Of the score by patches, added to that by pixels (docs/experiments.md); twice that with lines.
     histogram_weight: float = 0.04
     # People hold cameras level: poses tilted no more than this are searched first.
@@ -28,17 +27,13 @@ class SearchConfig:
     # The best of these are scored once more at places around their starts (see `panoloc.core.search.position_sweep`), and the first of them
     # on finer pictures at places around those; all places together have so many pixels.
     sweep_places: int = 3  # on each side of the cube around a start
-    swept_closer: int = 24
     # What a round proposes.
-    num_candidates: int = 32
+    num_candidates: int = 32  # of which a quarter is looked at first
     pool: int = 2500  # poses that candidates are chosen from
-    first_portion: int = 9  # are looked at first
     # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a few, and
     # then the others where no answer is sure; by rigs that show little all at once.
     first_maps: int = 8
     most_maps: int = 64
-    # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
-    reach_m: float = 0.75
 
     @property
     def line_rotations(self) -> int:
@@ -63,9 +58,9 @@ class SearchConfig:
 class PriorConfig:
     """A pose that the caller expects (see `panoloc.core.query.rounds.poses_of_prior`)."""
 
-    # Refinement comes back from so far off, metres and degrees of yaw. Where a prior may be farther off, it begins beside it as well.
-    basin: tuple[float, float] = (0.3, 15.0)
-    farthest: tuple[float, float] = (1.0, 40.0)  # beside it
+    # Refinement comes back from as far off as a pose is right. Where a prior may be farther off, it begins beside it as well: metres, and
+    # degrees of yaw, at most.
+    farthest: tuple[float, float] = (1.0, 40.0)
     # Nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere.
     margin: float = 0.3
 

@@ -174,7 +174,7 @@ class Contest:
         finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
         others = [h for h in self._medium if all(h is not other for other in chosen)]
         if not finals:
-            self.hypotheses, self.comparison = others, None
+            self.hypotheses, self.comparison = [], None
             return
         best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, DISTANCES.place
         ranked = [full.final for full in finals[1:]]

@@ -128,7 +128,7 @@ class MapQuery:
 
 def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, config: LocalizerConfig) -> list[MapQuery]:
     """Prepare a rig for each map. Raises OptionsError for hints out of range."""
-    limits = [within_reach(pose_limits(hints, index), index, config.search.reach_m) for index in maps]
+    limits = [within_reach(pose_limits(hints, index), index) for index in maps]
     shared: PreparedRig | None = None
     queries = []
     for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):

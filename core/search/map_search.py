@@ -73,8 +73,7 @@ class MapSearch:
             return self._nothing(starts)
         patches = self.rig.patches(self.index.views.basis, halvings)
         scores = patch_scores(patches, self.index.views.descriptors(halvings).take(starts), rotations)
-        budget = self.config.few_rescored_pixels if self.is_wide else self.config.rescored_pixels
-        most = max(count, budget // max(1, len(self.rig.pixels)))
+        most = max(count, self.config.rescored_pixels // max(1, len(self.rig.pixels)))
         best = scores.flatten().topk(min(most, scores.numel())).indices
         start, rotation = best // len(rotations), best % len(rotations)
         by_patches = self.config.histogram_weight * scores.flatten()[best]
@@ -103,7 +102,7 @@ class MapSearch:
             * config.histogram_weight
             * patch_scores_of(self.rig.patches(self.index.views.basis), views, rotations, start, rotation)
         )
-        most = max(1, config.few_rescored_pixels // max(1, len(self.rig.pixels)))
+        most = max(1, config.rescored_pixels // max(1, len(self.rig.pixels)))
         again = (scores.flatten()[best] + by_patches).topk(min(most, len(best))).indices
         found = self._rescored(views, starts, rotations, start[again], rotation[again], by_patches[again])
         found = found.ranked(found.scores, DISTANCES.place, config.pool, config.pool)
