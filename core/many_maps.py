@@ -84,7 +84,7 @@ def localize_among(
             scores = torch.tensor(scores_among(localizer, rig, maps.vectors(), hints))
             ranked = scores.argsort(descending=True, stable=True).tolist()
             timings_s["retrieval"] += time.monotonic() - began
-        is_telling = shown_share(rig) >= localizer.config.judge.narrow_share
+        is_telling = shown_share(rig) >= localizer.config.search.narrow_share
         portions = [few, most] if is_telling else [most]
     found: Localization | None = None
     for first, last in pairwise([0, *portions]):

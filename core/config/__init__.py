@@ -9,12 +9,7 @@ from panoloc.core.config.index import AliasConfig, DescriptorConfig, IndexConfig
 from panoloc.core.config.judge import ChangeConfig, JudgeConfig
 from panoloc.core.config.lines import LineConfig
 from panoloc.core.config.localizer import LocalizerConfig, PaperConfig
-from panoloc.core.config.refinement import (
-    MediumRound,
-    RefinementConfig,
-    StepConfig,
-    StoppingRule,
-)
+from panoloc.core.config.refinement import MediumRound, RefinementConfig, StepConfig, StoppingRule
 from panoloc.core.config.search import (
     FocalConfig,
     PriorConfig,

@@ -10,9 +10,8 @@ class JudgeConfig:
     # Of the score, where lines agree with a rotation no more than with any (see `panoloc.core.features.line_support`); of ones in between,
     # less.
     lines_share: float = 0.3
-    # One of several images contradicts the pose of the others where its correlation and the share of its patches that agree are below
-    # these, and its contrast is not (see `panoloc.core.decide.agreement`); and the share of images that may.
-    contradiction: float = 0.45
+    # One of several images contradicts the pose of the others where it does not agree, nor does this share of its patches, and its contrast
+    # tells (see `panoloc.core.decide.agreement`); and the share of images that may.
     contradicting_patches: float = 0.2
     telling_contrast: float = 0.15
     contradicting_share: float = 0.25
@@ -22,10 +21,9 @@ class JudgeConfig:
     # Images whose edges are together shorter than this show a plain wall. Of 127 photos of rooms the barest had 131 degrees, of 16 walls in
     # soft light, with and without grain, the richest 46; 20 degrees of a photo had 75 and were put elsewhere.
     least_edges_deg: float = 90.0
-    agreement: float = 0.5  # correlation from which on a patch agrees, or an image surely shows what is there
+    agreement: float = 0.45  # correlation from which on a patch agrees, or an image surely shows what is there
     # An answer that is this sure is the answer; one at a single place may be less so once all candidates of a search were looked at.
     sure: float = 0.8
-    narrow_share: float = 0.3  # of the sphere; rigs that cover less are looked at more closely
 
 
 @dataclass(frozen=True)

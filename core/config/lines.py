@@ -7,7 +7,6 @@ from dataclasses import dataclass
 class LineConfig:
     """Edges, and the lines that they are of (see `panoloc.core.features.line_support`)."""
 
-    rows: int = 512  # to a sphere, at which edges are looked for
     squares: int = 512  # that photos are divided into
     edges_in_square: int = 3  # the strongest
     edge_over_noise: float = 3.0  # how much faster than in half of the photo colours change there

@@ -46,12 +46,10 @@ class RefinementConfig:
     coarse_share: float = 0.085
     most_coarse_points: int = 1600
     coarse_margin_deg: float = 35.0
-    coarse_iterations: int = 12
     coarse_step: StepConfig = StepConfig(damping=0.1, max_step_m=0.3, robust_scale=2.0)
-    # Of local contrast in the colours that are aligned: most where poses may lie far off in another light, less where millimetres count.
-    coarse_contrast: float = 0.8
-    medium_contrast: float = 0.4
-    fine_contrast: float = 0.2
+    # Of local contrast in the colours that are aligned: most where poses may lie far off in another light; half of it in medium rounds, and
+    # a quarter where millimetres count.
+    contrast: float = 0.8
     # Medium, on what poses themselves see, found anew in each round as what a pose sees changes with it. Changed furniture loses its vote;
     # where poses are nearly right points keep it: they come half as near without.
     margin_deg: float = 8.0
@@ -62,7 +60,7 @@ class RefinementConfig:
         MediumRound(64, 22.5, 2.0),
         MediumRound(128, 11.25, None),
     )
-    # Fine, at full resolution: of rigs that cover little at twice these rows.
+    # Fine, on images of so many rows and of twice as many; of rigs that cover little at twice these rows.
     fine_candidates: int = 2
     fine_rows: int = 256
     fine_points: int = 8000
@@ -71,7 +69,7 @@ class RefinementConfig:
     # room of 3,000 points poses are off by centimetres and not answered without.
     least_filled: float = 0.1
     step: StepConfig = StepConfig()
-    iterations: int = 6  # of all but the coarse levels
+    iterations: int = 6  # twice as many of the coarse levels
     stop: StoppingRule = StoppingRule()
     # Of the points, by which halves of a picture are refined apart: with a quarter those of right poses end twice as far apart.
     halves_every: int = 2

@@ -15,31 +15,35 @@ class SearchConfig:
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
     kept_starts: int = 128  # never fewer
     # The poses that patches like best are scored again by pixels, all together so many.
-    rescored_pixels: int = 1_000_000
-    few_rescored_pixels: int = 300_000  # of wide rigs, where lines leave few rotations, and of each translation grid
-    histogram_weight: float = 0.04  # of the score by patches, added to that by pixels (docs/experiments.md)
+    rescored_pixels: int = 300_000  # and those of each translation grid
+    # Of the score by patches, added to that by pixels (docs/experiments.md); twice that with lines.
+    histogram_weight: float = 0.04
     # People hold cameras level: poses tilted no more than this are searched first.
     level_tilt_deg: float = 18.0
-    # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, these are
-    # searched first, those of them that are so far apart; of their poses a pool is scored by patches, and the best again by pixels.
-    line_rotations: int = 294_912
+    # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). So many rotations are searched first, those of
+    # them that are so far apart; of their poses a pool is scored by patches, and the best again by pixels.
     likely_rotations: int = 200
     likely_apart_deg: float = 4.0
-    likely_histogram_weight: float = 0.08
     # The best of these are scored once more at places around their starts (see `panoloc.core.search.position_sweep`), and the first of them
     # on finer pictures at places around those; all places together have so many pixels.
     sweep_places: int = 3  # on each side of the cube around a start
-    swept_closer: int = 24
     # What a round proposes.
-    num_candidates: int = 32
+    num_candidates: int = 32  # of which a quarter is looked at first
     pool: int = 2500  # poses that candidates are chosen from
-    first_portion: int = 9  # are looked at first
     # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a few, and
     # then the others where no answer is sure; by rigs that show little all at once.
     first_maps: int = 8
     most_maps: int = 64
-    # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
-    reach_m: float = 0.75
+
+    @property
+    def line_rotations(self) -> int:
+        """Return of how many rotations, 3.5 degrees apart, lines choose: a third as far apart as those that are searched without lines."""
+        return 32 * self.rotations
+
+    @property
+    def narrow_share(self) -> float:
+        """Return the share of the sphere below which rigs are looked at more closely."""
+        return self.wide_share / 2
 
     def halvings(self, is_wide: bool) -> int:
         """Return how often patches are pooled, two by two a side, that a rig is described by."""
@@ -54,12 +58,11 @@ class SearchConfig:
 class PriorConfig:
     """A pose that the caller expects (see `panoloc.core.query.rounds.poses_of_prior`)."""
 
-    # Refinement comes back from so far off, metres and degrees of yaw. Where a prior may be farther off, it begins beside it as well.
-    basin: tuple[float, float] = (0.3, 15.0)
-    farthest: tuple[float, float] = (1.0, 40.0)  # beside it
-    margin: float = (
-        0.3  # nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere
-    )
+    # Refinement comes back from as far off as a pose is right. Where a prior may be farther off, it begins beside it as well: metres, and
+    # degrees of yaw, at most.
+    farthest: tuple[float, float] = (1.0, 40.0)
+    # Nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere.
+    margin: float = 0.3
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,7 @@ class PhotoAgreement:
 
     def contradicts(self, config: JudgeConfig) -> bool:
         """Tell whether the photo cannot be of where it is said to be."""
-        agrees = self.correlation >= config.contradiction or self.agreeing_share >= config.contradicting_patches
+        agrees = self.correlation >= config.agreement or self.agreeing_share >= config.contradicting_patches
         return not agrees and self.contrast >= config.telling_contrast
 
 

@@ -16,15 +16,14 @@ import torch
 from panoloc.core.config import DISTANCES
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.refine.halves import NOWHERE
 
-_USUALLY_APART = 7.0  # times the formal radius, halves of images whose pose is right; half of them are farther apart
 _GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other
 _FAR_AHEAD = 0.5  # of the score; places that are farther behind say nothing more
 # Of what was not measured: the logarithm of how many times nearer than what is right halves meet; and how well lines
 # agree that are not asked.
 _UNKNOWN_HALVES, _UNKNOWN_LINES = 1.0, 0.8
-_BLIND = 10.0, 180.0  # formal radii, metres and degrees, where nothing is known
-_LEAST_LOGARITHM, _MOST_LOGARITHM = -1.0, 7.0
+_LEAST_LOGARITHM = -1.0
 FEATURES = (
     "agreement",
     "margin",
@@ -44,21 +43,21 @@ class RadiusModel:
     coverage_power: float  # by how much errors fall with it
     thickness_power: float
 
-    def radius(self, formal: float, halves_apart: float | None, coverage: float, thickness_m: float) -> float:
-        """Return the 68 % radius, in the unit of the formal one; halves_apart: in that unit, None where nobody asked."""
+    def radius(self, formal: float, halves_apart: float, coverage: float, thickness_m: float) -> float:
+        """Return the 68 % radius, in the unit of the formal one, which is that of halves_apart."""
         powers = self.formal_power, self.halves_power, self.coverage_power, self.thickness_power
         signs = radius_signs(formal, halves_apart, coverage, thickness_m)
         return math.exp(self.log_factor + sum(power * sign for power, sign in zip(powers, signs, strict=True)))
 
 
 def radius_signs(
-    formal: float, halves_apart: float | None, coverage: float, thickness_m: float
+    formal: float, halves_apart: float, coverage: float, thickness_m: float
 ) -> tuple[float, float, float, float]:
     """Return the logarithms that a `RadiusModel` weighs: of the formal radius and of how far halves end apart, both in metres or both in
     degrees, of one over the coverage, 0..1, and of how thick surfaces are, over that of a good scan."""
     formal = max(formal, 1e-9)
     # Halves that meet nearer than curvature allows do so by chance.
-    apart = _USUALLY_APART * formal if halves_apart is None else max(halves_apart, formal)
+    apart = max(halves_apart, formal)
     thick = math.log(max(thickness_m / _GOOD_THICKNESS_M, 1.0))
     return math.log(formal), math.log(apart), -math.log(max(coverage, 1e-3)), thick
 
@@ -94,9 +93,9 @@ class ConfidenceModel:
         if formal is None:
             return Accuracy(None, None)
         coverage, thickness_m = measures["coverage"], measures.get("thickness_m", 0.0)
-        position_m = self.position_radius.radius(formal[0], measures.get("halves_apart_m"), coverage, thickness_m)
+        position_m = self.position_radius.radius(formal[0], measures.get("halves_apart_m", 0.0), coverage, thickness_m)
         orientation_deg = self.orientation_radius.radius(
-            formal[1], measures.get("halves_apart_deg"), coverage, thickness_m
+            formal[1], measures.get("halves_apart_deg", 0.0), coverage, thickness_m
         )
         return Accuracy(position_m, min(orientation_deg, 180.0)).with_noise(noise)
 
@@ -122,7 +121,7 @@ def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, flo
         share = math.hypot(
             measures["halves_apart_m"] / right.distance_m, measures["halves_apart_deg"] / right.angle_deg
         )
-        halves = min(max(-math.log(max(share, 1e-9)), _LEAST_LOGARITHM), _MOST_LOGARITHM)
+        halves = max(-math.log(max(share, 1e-3)), _LEAST_LOGARITHM)
     return {
         "agreement": measures["patch_correlation"],
         "margin": _margin(best, [rival for rival in rivals if not rival.is_alias]),
@@ -150,7 +149,7 @@ def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
     if hypothesis.hessian is None:
         return None
     if float(hypothesis.hessian.diagonal().sum()) <= 0:
-        return _BLIND  # nothing of the images agrees, which is no agreement
+        return NOWHERE[0], math.degrees(NOWHERE[1])  # nothing of the images agrees, which is no agreement
     hessian = hypothesis.hessian
     covariance = torch.linalg.pinv(hessian + 1e-9 * torch.eye(6, dtype=torch.float64)) * hypothesis.residual_scale**2
     diagonal = torch.diagonal(covariance).clamp_min(0)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from panoloc.core.config import CONTRAST, LineConfig
 from panoloc.core.image.level import VALID_SHARE
+from panoloc.core.image.photo_window import FINEST_ROWS
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
 
 _SMOOTHING = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
@@ -39,7 +40,7 @@ def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
 
     Taken from everywhere: the strongest of all are those of one rug or picture, which may hang askew.
     """
-    windows = pyramid.windows(min(config.rows, pyramid.finest_rows))
+    windows = pyramid.windows(min(FINEST_ROWS // 2, pyramid.finest_rows))
     magnitude, east, north = _gradients(windows)
     valid = windows.valid > 0
     # Where most of a photo is plain, how fast colours change there is noise.

@@ -54,6 +54,13 @@ def turns_of_axes(device: str) -> Tensor:
     return turns[torch.linalg.det(turns) > 0].to(device)
 
 
+@lru_cache(maxsize=6)
+@torch.inference_mode(False)  # they outlive the query that asked for them first
+def rotations_of(count: int, device: str) -> Tensor:
+    """Return so many rotations (R, 3, 3) spread evenly over SO(3), made once. Not to be changed: many share them."""
+    return uniform_rotations(count).to(device)
+
+
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)  # they outlive the query that asked for them first
 def rotations_of_axes(count: int, device: str) -> Tensor:

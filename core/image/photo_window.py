@@ -24,7 +24,6 @@ FINEST_ROWS = 1024  # of the sphere on which photos are looked at
 _LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
 EXTENT_ROWS = 128  # of the sphere on which the extent of a photo is looked for
 _COARSEST_ROWS = CONTRAST.rows  # windows begin and end at whole pixels of the coarsest images that are made of photos
-_MIN_SIDE = 16  # pixels
 _MIN_WITH_DIRECTION = 0.5  # of a photo; of real lenses nearly all of it has one
 _MIN_SHARE = 0.001  # of the sphere; what shows less says nothing about where it was taken
 FINEST_PX_PER_RAD = _LARGEST_STEP * FINEST_ROWS / math.pi
@@ -78,9 +77,9 @@ def check_share(photo: Photo) -> None:
             f"({camera.hfov_deg:.1f} degrees across); check the intrinsics and the mask"
         )
     # Last: of one that shows next to nothing of the sphere little is left when it is made smaller.
-    if min(sides) < _MIN_SIDE:
+    if min(sides) < _COARSEST_ROWS:
         raise PanoramaUnusableError(
-            f"image: expected a photo of at least {_MIN_SIDE} pixels a side, got {sides[1]} x {sides[0]}"
+            f"image: expected a photo of at least {_COARSEST_ROWS} pixels a side, got {sides[1]} x {sides[0]}"
         )
 
 

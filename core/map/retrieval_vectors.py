@@ -22,7 +22,6 @@ HALVINGS = 1
 """How often patches are taken together, two by two a side."""
 RETRIEVAL_VERSION = 1
 """Of what the vectors mean; rises with every change of the directions."""
-_STEPS = 127
 _WHITENING = 0.25  # power of the variance that directions are divided by
 
 
@@ -76,7 +75,7 @@ def retrieval_vectors(index: MapIndex) -> RetrievalVectors:
     values = described.values @ (described.basis.T @ directions)
     # So that vectors have the same deviation against what queries show on average.
     variance = (described.weights[..., None] * values.square()).sum(1) @ spread
-    step = values.abs().amax((1, 2)).clamp_min(1e-9) / _STEPS
+    step = values.abs().amax((1, 2)).clamp_min(1e-9) / torch.iinfo(torch.int8).max
     steps = (values / step[:, None, None]).round().to(torch.int8)
     return RetrievalVectors(steps.flatten(1), step / variance.sqrt().clamp_min(1e-9), axes)
 

@@ -50,7 +50,7 @@ class Contest:
     def __init__(self, rig: Rig, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
         self._rig = rig
         self.queries, self.config, self.clock = queries, config, clock
-        self.refinement = Refinement(queries, config, clock)
+        self.refinement = Refinement(queries, config)
         self.hypotheses: list[Hypothesis] = []
         self.comparison: Comparison | None = None
         self.most_margin: float | None = None
@@ -174,7 +174,7 @@ class Contest:
         finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
         others = [h for h in self._medium if all(h is not other for other in chosen)]
         if not finals:
-            self.hypotheses, self.comparison = others, None
+            self.hypotheses, self.comparison = [], None
             return
         best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, DISTANCES.place
         ranked = [full.final for full in finals[1:]]
@@ -192,13 +192,11 @@ class Contest:
 
     def _with_signs(self, full: _Full) -> Hypothesis:
         """Return a hypothesis with what is measured of the best one alone, and only once: how far apart the halves of the images end from
-        there; and how exact the scan is."""
+        there."""
         if not full.has_signs:
             query = self.queries[full.final.map_number]
             with self.clock.stage("refine"):
                 full.final = self.refinement.with_halves(query, full.final, full.points)
-            thickness = {"thickness_m": query.index.surface_thickness_m}
-            full.final = replace(full.final, measures=full.final.measures | thickness)
             full.has_signs = True
         return full.final
 
@@ -223,5 +221,5 @@ class Contest:
         judged = []
         for number, group in by_map(hypotheses):
             query = self.queries[number]
-            judged += query.judge(group, query.rig.rows // (query.rig.finer if is_first else 1))
+            judged += query.judge(group, is_first)
         return by_score(judged, DISTANCES.same)

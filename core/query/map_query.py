@@ -27,7 +27,7 @@ from panoloc.core.render.comparison import Comparison
 from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.render.synthetic_view import RENDER_BATCH
 from panoloc.core.search.line_evidence import LineEvidence
-from panoloc.core.search.map_search import MapSearch, rotations_of
+from panoloc.core.search.map_search import MapSearch
 from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
 
 
@@ -50,8 +50,7 @@ class MapQuery:
         rig, index = self.rig, self.index
         if rig.is_wide or rig.is_labels:
             return None
-        every = rotations_of(self.config.search.line_rotations, str(index.positions.device))
-        evidence = LineEvidence(rig.lines, index.wall_axes, every, self.limits)
+        evidence = LineEvidence(rig.lines, index.wall_axes, self.limits, self.config.search)
         return evidence if evidence.contrast >= self.config.lines.least_contrast else None
 
     @cached_property
@@ -75,8 +74,9 @@ class MapQuery:
         focals = self.rig.log_focals(group)
         return self.rig.view.compare(self.cloud, *stacked_poses(group), rows, with_points, focals)
 
-    def judge(self, group: Sequence[Hypothesis], rows: int) -> list[Hypothesis]:
-        """Return the hypotheses with the score and measures of renderings of `rows` rows."""
+    def judge(self, group: Sequence[Hypothesis], is_first: bool = False) -> list[Hypothesis]:
+        """Return the hypotheses with the score and measures of renderings; is_first: of coarse ones, where there are many poses."""
+        rows = self.config.descriptors.view_height if is_first else self.rig.rows
         judged: list[Hypothesis] = []
         for log_focal in dict.fromkeys(h.log_focal for h in group):
             alike = [h for h in group if h.log_focal == log_focal]
@@ -86,9 +86,11 @@ class MapQuery:
         return judged
 
     def judge_alone(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Comparison]:
-        """Return one hypothesis judged on the largest rendering, and the comparison."""
+        """Return one hypothesis judged on the largest rendering, with how thick surfaces of the scan are, and the comparison."""
         comparison = self.compare([hypothesis], 2 * self.rig.rows)
-        return self._judged([hypothesis], comparison)[0], comparison
+        judged = self._judged([hypothesis], comparison)[0]
+        measures = judged.measures | {"thickness_m": self.index.surface_thickness_m}
+        return replace(judged, measures=measures), comparison
 
     def _judged(self, group: Sequence[Hypothesis], comparison: Comparison) -> list[Hypothesis]:
         """Return hypotheses of one focal length with the measures of a comparison, and how well lines agree with their rotations."""
@@ -105,7 +107,7 @@ class MapQuery:
         look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, 2 * self.config.descriptors.patch_deg)
         numbers = rig.numbers_of([rows[h.start] for h in group])
         return points_seen_from_starts(
-            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.coarse_contrast
+            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.contrast
         )
 
     def points_from_poses(
@@ -126,7 +128,7 @@ class MapQuery:
 
 def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, config: LocalizerConfig) -> list[MapQuery]:
     """Prepare a rig for each map. Raises OptionsError for hints out of range."""
-    limits = [within_reach(pose_limits(hints, index), index, config.search.reach_m) for index in maps]
+    limits = [within_reach(pose_limits(hints, index), index) for index in maps]
     shared: PreparedRig | None = None
     queries = []
     for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):

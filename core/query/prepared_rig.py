@@ -35,7 +35,7 @@ class PreparedRig:
         self.config, self._camera = config, rig.photos[0].camera
         share = shown_share(rig)
         self.is_wide = share >= config.search.wide_share
-        self.finer = 2 if share < config.judge.narrow_share else 1
+        self.finer = 2 if share < config.search.narrow_share else 1
         self.pyramid = RigPyramid(rig, 2 * self.finer * config.refinement.fine_rows, labels, device)
         self.share = self.pyramid.share
         self.colors = CanonicalColors(self.pyramid)

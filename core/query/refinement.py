@@ -15,14 +15,13 @@ from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.refinement import joined, refine
 from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
-from panoloc.core.stage_clock import StageClock
 
 
 class Refinement:
     """The steps of refinement of one query."""
 
-    def __init__(self, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
-        self.queries, self.config, self.clock = queries, config, clock
+    def __init__(self, queries: Sequence[MapQuery], config: LocalizerConfig) -> None:
+        self.queries, self.config = queries, config
         limits = queries[0].limits  # of tilts, which are the same in all maps
         self._within = limits.nearest_rotations if limits.bounds_tilts else None
 
@@ -31,13 +30,10 @@ class Refinement:
         sizes, refined = self.config.refinement, []
         for rig, group in by_colors(self.queries, hypotheses):
             for half in (True, False):
-                level = rig.colors.level(
-                    self.config.descriptors.view_height // (2 if half else 1), sizes.coarse_contrast, blur=half
-                )
+                rows = self.config.descriptors.view_height // (2 if half else 1)
+                level = rig.colors.level(rows, sizes.contrast, blur=half)
                 parts = [self.queries[number].points_from_starts(part, half) for number, part in by_map(group)]
-                group = self._refine(
-                    level, joined(parts), group, sizes.coarse_iterations, sizes.coarse_step, sizes.stop
-                )
+                group = self._refine(level, joined(parts), group, 2 * sizes.iterations, sizes.coarse_step, sizes.stop)
             refined += group
         return refined
 
@@ -52,10 +48,10 @@ class Refinement:
                     comparison = query.compare(part, rig.rows, with_points=True)
                     parts.append(
                         query.points_from_poses(
-                            part, comparison, sizes.medium_points, planned.patch_deg, sizes.medium_contrast
+                            part, comparison, sizes.medium_points, planned.patch_deg, sizes.contrast / 2
                         )
                     )
-                level = rig.colors.level(planned.rows, sizes.medium_contrast)
+                level = rig.colors.level(planned.rows, sizes.contrast / 2)
                 step = replace(sizes.step, robust_scale=planned.robust_scale)
                 group = self._refine(level, joined(parts), group, sizes.iterations, step, sizes.stop)
             refined += group
@@ -63,15 +59,14 @@ class Refinement:
 
     def fine(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, PointPlanes]:
         """Refine at full resolution, with all points and the colours of this pose alone; return these points as well."""
-        self.clock.check()
         sizes, rig = self.config.refinement, query.rig
         comparison = self._seen_from(query, hypothesis)
         tables = None if comparison.tables is None else comparison.tables[0]
         for doubled, count in ((1, sizes.fine_points), (2, sizes.finest_points)):
             points = query.points_from_poses(
-                [hypothesis], comparison, count, self.config.descriptors.patch_deg, sizes.fine_contrast
+                [hypothesis], comparison, count, self.config.descriptors.patch_deg, sizes.contrast / 4
             )
-            level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.fine_contrast)
+            level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.contrast / 4)
             (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
         # How sharp the loss of the images is there, limits aside, says how far off the pose may be.
         (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None, is_free=True)
@@ -86,13 +81,11 @@ class Refinement:
 
     def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: PointPlanes) -> Hypothesis:
         """Return a hypothesis that was refined fully, with how far apart the halves of the picture end from there among its measures."""
-        sizes = self.config.refinement
-        level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.medium_contrast)
+        sizes, described = self.config.refinement, self.config.descriptors
+        level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.contrast / 2)
         focals = query.rig.log_focals([hypothesis])
         some = points.thinned(sizes.halves_every)
-        apart = halves_apart(
-            level, some, hypothesis.rotation, hypothesis.position, focals, self.config.descriptors.patch_deg, sizes
-        )
+        apart = halves_apart(level, some, hypothesis.rotation, hypothesis.position, focals, described.patch_deg, sizes)
         distance, angle = apart.tolist()
         measures = {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)}
         return replace(hypothesis, measures=hypothesis.measures | measures)

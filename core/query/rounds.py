@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from panoloc.core.config import SearchConfig
+from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector
@@ -58,8 +58,9 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
     found = search_maps([query.search for query in queries], searched.limits, searched.by_lines, config)
     best = _best(queries, found, config.num_candidates)
     scores = [float(part.candidates.scores.max()) for part in found if len(part.candidates)]
+    first = config.num_candidates // 4
     return Proposed(
-        [part for part in (best[: config.first_portion], best[config.first_portion :]) if part],
+        [part for part in (best[:first], best[first:]) if part],
         max(scores, default=0.0),
         sum(part.num_starts for part in found),
         sum(part.num_poses for part in found),
@@ -74,9 +75,9 @@ def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
     middle = torch.from_numpy(camera.position - index.origin_offset).to(index.starts) - rotation @ rig.centers[0]
     reach_m, turn_deg = map(min, zip((prior.position_std_m, prior.orientation_std_deg), config.farthest, strict=True))
     moves = [(0.0, 0.0, 0.0)]
-    if reach_m > config.basin[0]:
+    if reach_m > DISTANCES.right.distance_m:
         moves += [(reach_m, 0.0, 0.0), (-reach_m, 0.0, 0.0), (0.0, reach_m, 0.0), (0.0, -reach_m, 0.0)]
-    if turn_deg > config.basin[1]:
+    if turn_deg > DISTANCES.right.angle_deg:
         moves += [(0.0, 0.0, math.radians(turn_deg)), (0.0, 0.0, -math.radians(turn_deg))]
     poses = []
     for x, y, yaw in moves:

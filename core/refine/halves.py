@@ -18,7 +18,7 @@ from panoloc.core.refine.patches import on_black_squares
 from panoloc.core.refine.refinement import refine
 from panoloc.core.refine.step import PointPlanes
 
-_NOWHERE_M, _NOWHERE_RAD = 1.0, math.pi / 2  # of halves that nothing is known of
+NOWHERE = 10.0, math.pi  # metres and radians: how far off poses are of which nothing is known
 
 
 def halves_apart(
@@ -53,4 +53,4 @@ def halves_apart(
     angle = rotation_angle(found.rotations[0], found.rotations[1])
     # Halves in which nothing agrees stay where they are, which is no agreement.
     is_blind = (found.hessian.diagonal(dim1=1, dim2=2).sum(-1) <= 0).any()
-    return torch.stack((torch.where(is_blind, _NOWHERE_M, distance), torch.where(is_blind, _NOWHERE_RAD, angle)))
+    return torch.stack((torch.where(is_blind, NOWHERE[0], distance), torch.where(is_blind, NOWHERE[1], angle)))

@@ -23,7 +23,6 @@ from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.render.render_cloud import RenderCloud, ViewParts, drawn_points
 
-_COMPILED_CHANNELS = 3  # pictures have one more, and are drawn by tensors
 RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 
@@ -73,7 +72,8 @@ def render_views(
         map_from_view = torch.eye(3, device=centers.device).expand(len(centers), 3, 3)
     else:
         window, parts, map_from_view = wanted.window, wanted, wanted.rotations
-    if has_kernels_for(centers) and cloud.colors.shape[1] == _COMPILED_CHANNELS + 1:
+    # Pictures have one more channel than colours and a count, and are drawn by tensors.
+    if has_kernels_for(centers) and cloud.colors.shape[1] == 4:
         return _compiled_views(cloud, centers, window, parts, map_from_view, with_points)
     shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels(window.rows))]
     offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()

@@ -8,7 +8,7 @@ from torch import Tensor
 from panoloc.core.config import PoseDistance, SearchConfig
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.geometry.distinct_poses import first_distinct
-from panoloc.core.geometry.rotations import rotation_spacing
+from panoloc.core.geometry.rotations import rotation_spacing, rotations_of
 from panoloc.core.search.pose_limits import PoseLimits
 
 
@@ -19,14 +19,15 @@ class LineEvidence:
     rotations by chance: mean logarithm of the likelihood ratio of an edge. What is dense enough is 3.5 degrees apart.
     """
 
-    def __init__(self, lines: LineSupport, axes_from_map: Tensor, rotations: Tensor, limits: PoseLimits) -> None:
-        """rotations: (R, 3, 3) map_from_rig, dense enough that one of them is near any."""
-        self._lines, self._axes_from_map = lines, axes_from_map
+    def __init__(self, lines: LineSupport, axes_from_map: Tensor, limits: PoseLimits, config: SearchConfig) -> None:
+        self._lines, self._axes_from_map, self._config = lines, axes_from_map, config
+        # Rotations map_from_rig, of which one is near any.
+        self._every = rotations_of(config.line_rotations, str(axes_from_map.device))
         self._by_chance = lines.by_chance
         if limits.leaves_tilts_beyond(math.pi / 2):
-            self.contrast = lines.contrast(len(rotations))
+            self.contrast = lines.contrast(len(self._every))
         else:
-            allowed = rotations[limits.allows_rotation(rotations)]
+            allowed = self._every[limits.allows_rotation(self._every)]
             best = self.of_rotations(allowed).max() if len(allowed) else torch.tensor(self._by_chance)
             self.contrast = float(best) - self._by_chance
 
@@ -38,11 +39,11 @@ class LineEvidence:
         """Return how far rotations (R, 3, 3) fall short of the best one: 0, not at all, to 1, no better than by chance."""
         return 1 - ((self.of_rotations(rotations) - self._by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
 
-    def likely_rotations(self, rotations: Tensor, limits: PoseLimits, config: SearchConfig) -> Tensor:
-        """Return those of rotations (R, 3, 3) within the limits that edges agree with best (L, 3, 3), some degrees apart."""
-        allowed = rotations[limits.allows_rotation(rotations, rotation_spacing(len(rotations)) / 2)]
-        count = min(len(allowed), config.likely_rotations)
+    def likely_rotations(self, limits: PoseLimits) -> Tensor:
+        """Return the rotations (L, 3, 3) within the limits that edges agree with best, some degrees apart."""
+        allowed = self._every[limits.allows_rotation(self._every, rotation_spacing(len(self._every)) / 2)]
+        count = min(len(allowed), self._config.likely_rotations)
         best = allowed[self.of_rotations(allowed).topk(count).indices]
-        apart = PoseDistance(1.0, config.likely_apart_deg)
+        apart = PoseDistance(1.0, self._config.likely_apart_deg)
         distinct = first_distinct(best, torch.zeros_like(best[:, 0]), apart)
         return best[torch.tensor(distinct, dtype=torch.long, device=best.device)]

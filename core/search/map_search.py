@@ -9,7 +9,6 @@ Paper: §3.3 (all starts with all rotations).
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from typing import Any, TypeVar
 
 import torch
@@ -18,7 +17,7 @@ from torch import Tensor
 from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
-from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
+from panoloc.core.geometry.rotations import rotation_spacing, rotations_of
 from panoloc.core.kernels.library import call, has_kernels_for, num_threads
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.candidates import Candidates, MapCandidates
@@ -74,8 +73,7 @@ class MapSearch:
             return self._nothing(starts)
         patches = self.rig.patches(self.index.views.basis, halvings)
         scores = patch_scores(patches, self.index.views.descriptors(halvings).take(starts), rotations)
-        budget = self.config.few_rescored_pixels if self.is_wide else self.config.rescored_pixels
-        most = max(count, budget // max(1, len(self.rig.pixels)))
+        most = max(count, self.config.rescored_pixels // max(1, len(self.rig.pixels)))
         best = scores.flatten().topk(min(most, scores.numel())).indices
         start, rotation = best // len(rotations), best % len(rotations)
         by_patches = self.config.histogram_weight * scores.flatten()[best]
@@ -92,18 +90,19 @@ class MapSearch:
     ) -> MapCandidates:
         """Score the starts with the few rotations that lines leave, and the best at places around their starts as well."""
         config = self.config
-        every = rotations_of(config.line_rotations, str(starts.device))
-        rotations = lines.likely_rotations(every, limits, config)
+        rotations = lines.likely_rotations(limits)
         if not len(starts) or not len(rotations):
             return self._nothing(starts)
         views = self._views(starts)
         scores = scores_of_every_pose(self.rig.pixels, views, rotations, self._is_labels)
         best = scores.flatten().topk(min(config.pool, scores.numel())).indices
         start, rotation = best // len(rotations), best % len(rotations)
-        by_patches = config.likely_histogram_weight * patch_scores_of(
-            self.rig.patches(self.index.views.basis), views, rotations, start, rotation
+        by_patches = (
+            2
+            * config.histogram_weight
+            * patch_scores_of(self.rig.patches(self.index.views.basis), views, rotations, start, rotation)
         )
-        most = max(1, config.few_rescored_pixels // max(1, len(self.rig.pixels)))
+        most = max(1, config.rescored_pixels // max(1, len(self.rig.pixels)))
         again = (scores.flatten()[best] + by_patches).topk(min(most, len(best))).indices
         found = self._rescored(views, starts, rotations, start[again], rotation[again], by_patches[again])
         found = found.ranked(found.scores, DISTANCES.place, config.pool, config.pool)
@@ -171,13 +170,6 @@ def _in_each(work: Callable[..., Found], *columns: Sequence[Any]) -> list[Found]
         return [work(*of_map) for of_map in zip(*columns, strict=True)]
     with ThreadPoolExecutor(at_once) as threads:
         return list(threads.map(torch.inference_mode()(work), *columns))  # a mode of each thread
-
-
-@lru_cache(maxsize=6)
-@torch.inference_mode(False)  # they outlive the query that asked for them first
-def rotations_of(count: int, device: str) -> Tensor:
-    """Return so many rotations (R, 3, 3) spread evenly over SO(3), made once. Not to be changed: many share them."""
-    return uniform_rotations(count).to(device)
 
 
 def patch_scores_of(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from panoloc.core.config import DISTANCES
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
@@ -149,14 +150,14 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
     )
 
 
-def within_reach(limits: PoseLimits, index: MapIndex, reach_m: float) -> PoseLimits:
-    """Return the limits, and where they say nothing of the place, no more than `reach_m` beyond the free space of a map.
+def within_reach(limits: PoseLimits, index: MapIndex) -> PoseLimits:
+    """Return the limits, and where they say nothing of the place, hardly more than the free space of a map.
 
     Seen from above its ceiling a room is a plain picture, to which photos of plain things are refined.
     """
     if limits.center is not None or limits.lower is not None:
         return limits
-    halves = index.leaf_sizes[:, None] / 2 + reach_m
+    halves = index.leaf_sizes[:, None] / 2 + DISTANCES.place.distance_m
     return replace(limits, lower=(index.starts - halves).amin(0), upper=(index.starts + halves).amax(0))
 
 

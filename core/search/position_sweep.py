@@ -30,14 +30,14 @@ def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, con
     """
     spacing = float(index.leaf_sizes.max())
     cube = cube_of_places(spacing, config.sweep_places, index.starts.device)
-    coarse = found.first(max(1, config.few_rescored_pixels // (len(cube) * len(rig.pixels))))
+    coarse = found.first(max(1, config.rescored_pixels // (len(cube) * len(rig.pixels))))
     if len(coarse) == 0:
         return found
     moved = _moved(rig.pixels, index, coarse, cube)
     every = moved.ranked(moved.scores, DISTANCES.place, count, len(moved))
     finer = cube_of_places(spacing / config.sweep_places, config.sweep_places, index.starts.device)
-    most = max(1, config.few_rescored_pixels // (len(finer) * len(rig.finer_pixels)))
-    first = every.first(min(most, config.swept_closer))
+    most = max(1, config.rescored_pixels // (len(finer) * len(rig.finer_pixels)))
+    first = every.first(most)
     closer = _moved(rig.finer_pixels, index, first, finer)
     rank = closer.scores.argsort(descending=True)
     # Scores of finer pictures are lower: what is ranked anew shares out the scores that it had.

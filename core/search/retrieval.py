@@ -13,11 +13,10 @@ from torch import Tensor
 from panoloc.core.config import SearchConfig
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.patch_descriptors import DescribedPatches
-from panoloc.core.geometry.rotations import rotations_of_axes, turns_of_axes
+from panoloc.core.geometry.rotations import rotations_of, rotations_of_axes, turns_of_axes
 from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.map.retrieval_vectors import HALVINGS, RetrievalVectors, retrieval_basis
 from panoloc.core.search.described_rig import DescribedRig
-from panoloc.core.search.map_search import rotations_of
 
 _QUERY_STEPS = 2047  # 1,024 products of them and of int8 fit into int32
 _TURNS = 16  # of a quarter; maps whose walls stand alike share their rotations

@@ -234,13 +234,13 @@ def _formal_of(row: Row) -> tuple[float | None, float | None]:
     return row.formal_position_m, row.formal_orientation_deg
 
 
-def _radius_arguments(row: Row, axis: int) -> tuple[float, float | None, float, float]:
+def _radius_arguments(row: Row, axis: int) -> tuple[float, float, float, float]:
     """Return what the radius of a row is worked out from."""
     measures, formal = row.search.get("measures") or {}, _formal_of(row)[axis]
     assert formal is not None
     return (
         formal,
-        measures.get(("halves_apart_m", "halves_apart_deg")[axis]),
+        measures.get(("halves_apart_m", "halves_apart_deg")[axis], 0.0),
         measures.get("coverage", 1.0),
         measures.get("thickness_m", 0.0),
     )

@@ -99,7 +99,7 @@ def test_what_is_not_sure_where_it_was_expected_is_searched() -> None:
 
 @pytest.mark.parametrize("name", list(RIGS))
 @pytest.mark.parametrize(("std_m", "places"), [(0.2, 1), (0.7, 5), (5.0, 5)])
-@pytest.mark.parametrize(("std_deg", "turns_deg"), [(5.0, []), (25.0, [25.0, 25.0]), (60.0, [40.0, 40.0])])
+@pytest.mark.parametrize(("std_deg", "turns_deg"), [(5.0, []), (12.0, [12.0, 12.0]), (60.0, [40.0, 40.0])])
 def test_the_rig_begins_where_its_first_camera_is_expected_beside_it_and_turned(
     name: str, std_m: float, places: int, std_deg: float, turns_deg: list[float]
 ) -> None:

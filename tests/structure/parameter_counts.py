@@ -17,7 +17,11 @@ _NO_PARAMETERS = {
             f"core/image/{name}.py:*"
             for name in ("heif_header", "conversion", "image_file", "image_header", "known_camera")
         ),
-        *("core/map/map_codec.py:*", "core/map/map_index.py:INDEX_VERSION"),
+        *(
+            "core/map/map_codec.py:*",
+            "core/map/map_index.py:INDEX_VERSION",
+            "core/map/retrieval_vectors.py:RETRIEVAL_VERSION",
+        ),
         *("core/geometry/pose.py:_CAMERA_AXES", "core/geometry/pose.py:_MAP_AXES"),
     ),
     "limits of what a caller may send": (
@@ -27,6 +31,7 @@ _NO_PARAMETERS = {
     ),
     "portions of work, which change no answer": (
         *("*:*_AT_ONCE", "*:RENDER_BATCH", "*:BLOCK", "*:_BLOCK", "*:_FEW", "*:_RENDERED_BYTES"),
+        *("core/refine/step.py:_THREADS", "core/refine/step.py:_PLANES"),
     ),
     "mathematics and rounding": (
         *("*:_PHI", "*:_PSI", "*:_ROUNDING", "*:_INSIDE"),

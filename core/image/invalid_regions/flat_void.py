@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 Mask = NDArray[np.bool_]
 Levels = NDArray[np.int16]
 
-_CELL_PX = 4
-_JPEG_BLOCK_PX = 8
+_CELL_PX = 4  # half of a block of JPEG
 NOISE_LEVELS = 6  # of a void's pixels from its colour, where JPEG ripples
 _SHADE_LEVELS = 40  # of what may be the shaded rim of something that has the colour
-_RIM_PX = 2  # of mixed pixels around
 # Shares chosen between what 130 panoramas with void show, and 800 panoramas and photos without, many of them overexposed or dim.
 _LEAST_SHARE = 0.01  # of the image
 _LEAST_COLORED = 0.05  # of the image, for a colour that things have
@@ -69,7 +67,7 @@ def find_voids(color: NDArray[np.uint8], cells: Cells) -> Iterator[tuple[list[in
         solid = cells.seen & cells.within(target, NOISE_LEVELS)
         if not kind.any() or not least <= solid.mean() <= _MOST_SHARE:
             continue
-        inner = ~_spread(~solid, _JPEG_BLOCK_PX // _CELL_PX)  # no ripple of the rim reaches these
+        inner = ~_spread(~solid, 2)  # no ripple of the rim reaches these: it ends with its block
         beside = _spread(solid, 1)
         others = cells.seen & ~beside
         around = others & _spread(beside, 1)
@@ -97,7 +95,7 @@ def _pixels(color: NDArray[np.uint8], target: Levels, beside: Mask) -> Mask:
     reach = beside.repeat(_CELL_PX, axis=0).repeat(_CELL_PX, axis=1)
     near[: reach.shape[0], : reach.shape[1]] = reach
     near[near] = (np.abs(color[near] - target) <= NOISE_LEVELS).all(axis=-1)
-    return _spread(near, _RIM_PX)
+    return _spread(near, _CELL_PX // 2)  # pixels at the rim are mixed
 
 
 def _spread(mask: Mask, reach: int) -> Mask:

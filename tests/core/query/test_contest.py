@@ -71,13 +71,12 @@ def contest_of(
         return replace(hypothesis, score=SMALLER * hypothesis.score), SimpleNamespace(of=hypothesis)
 
     query: Any = SimpleNamespace(
-        judge=lambda group, rows: list(group),
+        judge=lambda group, is_first: list(group),
         judge_alone=judge_alone,
         allows=allows,
         limits=PoseLimits(),
         rig=SimpleNamespace(finer=1, rows=64, patch_deg=22.5, share=1.0, prior=FocalPrior(-0.1, 0.8, is_stated=True)),
         with_other_focal_lengths=lambda best, comparison: others(best.log_focal),
-        index=SimpleNamespace(surface_thickness_m=0.007),
     )
     config = LocalizerConfig()
     contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
@@ -184,7 +183,7 @@ def test_the_focal_length_that_fits_best_wins_also_where_it_is_come_to_by_way_of
     best = contest.hypotheses[0]
     assert best.log_focal == 0.6
     assert cast(Any, contest.comparison).of.log_focal == 0.6
-    assert {"halves_apart_m", "thickness_m"} <= set(best.measures)
+    assert "halves_apart_m" in best.measures
     odds = sum((score / 1.2) ** POWER for score in (1.0, 1.1, 1.15))
     assert best.measures["focal_odds"] == pytest.approx(odds)
 
@@ -209,11 +208,11 @@ def test_a_focal_length_that_is_known_has_no_rivals() -> None:
 # Signs and noise of the best.
 
 
-def test_of_the_best_alone_the_halves_are_measured_and_the_scan_that_it_is_in() -> None:
+def test_of_the_best_alone_the_halves_are_measured() -> None:
     contest, _ = contest_of()
     contest.add([placed(0.0, 1.0), placed(3.0, 0.9)])
     best, *others = contest.hypotheses
-    assert best.measures == {"halves_apart_m": 0.01, "halves_apart_deg": 0.1, "thickness_m": 0.007}
+    assert best.measures == {"halves_apart_m": 0.01, "halves_apart_deg": 0.1}
     assert all(other.measures == {} for other in others)
 
 

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import pytest
-import torch
 
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.query.refinement import Refinement
-from panoloc.core.stage_clock import StageClock
 from tests.core.built_maps import BOX, POSE, panorama, rig_of, tensors_of
 from tests.core.search.found_candidates import CONFIG, query_of
 
@@ -23,7 +21,7 @@ def test_where_a_scan_has_few_points_these_are_what_is_aligned_and_not_the_gaps_
         """Return the share of the points to align on that are there."""
         config = replace(CONFIG, refinement=replace(CONFIG.refinement, least_filled=least_filled))
         query = query_of(rig_of(panorama()), index=index, config=config)
-        refinement = Refinement([query], config, StageClock(None, torch.device("cpu")))
+        refinement = Refinement([query], config)
         _, points = refinement.fine(query, Hypothesis(0, 0, rotation[0], position[0]))
         return float((points.weights > 0).float().mean())
 

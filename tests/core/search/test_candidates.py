@@ -68,11 +68,13 @@ def test_a_candidate_moves_to_where_the_photo_was_taken(name: str) -> None:
 
 @pytest.mark.slow
 def test_what_is_near_a_better_one_is_left_out() -> None:
-    found, _ = near_starts(POSE, 12)
+    found, _ = near_starts(POSE, 7)
     photos, index = query("one photo").rig.described, map_of(BOX)
-    moved = swept(photos, index, found, 12, replace(SEARCH, swept_closer=1))
+    # Pixels for all of them, which are those of one on finer pictures.
+    pixels = len(found) * SEARCH.sweep_places**3 * len(photos.pixels)
+    moved = swept(photos, index, found, 7, replace(SEARCH, rescored_pixels=pixels))
     apart = torch.cdist(moved.positions, moved.positions) + 10 * torch.eye(len(moved))
-    assert 1 < len(moved) < 12
+    assert 1 < len(moved) < 7
     assert float(apart[1:, 1:].min()) >= DISTANCES.place.distance_m  # the first has moved once more, on finer pictures
     assert len(swept(photos, index, found, 2, SEARCH)) == 2
 

@@ -18,7 +18,7 @@ from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.rounds import rounds_of
 from panoloc.core.search.line_evidence import LineEvidence
-from panoloc.core.search.map_search import rotations_of, search_maps
+from panoloc.core.search.map_search import search_maps
 from tests.core.built_maps import POSE, map_of, tensors_of
 from tests.core.found_pose import known
 from tests.core.image.painted_photos import SIDEWAYS, photo_of
@@ -53,11 +53,10 @@ def test_few_rotations_are_left_and_the_right_one_is_among_them(hints: Hints | N
     query = query_of(hints=hints)
     first = rounds_of([query], CONFIG.search)[0]
     assert first.by_lines
-    every = rotations_of(CONFIG.search.line_rotations, "cpu")
-    likely = evidence_of(query).likely_rotations(every, first.limits[0], CONFIG.search)
+    likely = evidence_of(query).likely_rotations(first.limits[0])
     assert len(likely) < 200
     assert nearest_deg(likely, ROTATION) < 4.0
-    assert bool(first.limits[0].allows_rotation(likely, rotation_spacing(len(every)) / 2).all())
+    assert bool(first.limits[0].allows_rotation(likely, rotation_spacing(CONFIG.search.line_rotations) / 2).all())
 
 
 def test_the_score_falls_with_what_a_rotation_misses() -> None:
@@ -65,10 +64,10 @@ def test_the_score_falls_with_what_a_rotation_misses() -> None:
     around = rotation_from_vector(torch.tensor([0.3, 0.2, 0.3])) @ right
     start = int((map_of(BOX).starts - PLACE).norm(dim=1).argmin())
     asked = [Hypothesis(0, start, rotation, PLACE) for rotation in (right, around)]
-    judged = [query.judge([h], 64)[0] for h in asked]
+    judged = [query.judge([h])[0] for h in asked]
     with_lines = [h.score for h in judged]
     plain = query_of(config=replace(CONFIG, judge=replace(CONFIG.judge, lines_share=0.0)))
-    without = [plain.judge([h], 64)[0].score for h in asked]
+    without = [plain.judge([h])[0].score for h in asked]
     missed = evidence_of(query).missed(torch.stack((right, around))).tolist()
     shares = [1 - CONFIG.judge.lines_share * m for m in missed]
     assert with_lines == pytest.approx([s * share for s, share in zip(without, shares, strict=True)], rel=1e-4)

@@ -98,11 +98,11 @@ STARTS: Any = SimpleNamespace(
 
 
 def test_without_a_hint_of_the_place_poses_stay_in_reach_of_the_free_space() -> None:
-    limits = within_reach(PoseLimits(max_tilt=0.1), STARTS, 0.75)
+    limits = within_reach(PoseLimits(max_tilt=0.1), STARTS)
     assert limits.max_tilt == 0.1
-    inside = torch.tensor([[-0.94, -0.94, 0.06], [4.24, 3.24, 2.74], [1.5, 1.0, 1.0]])
+    inside = torch.tensor([[-0.69, -0.69, 0.31], [3.99, 2.99, 2.49], [1.5, 1.0, 1.0]])
     assert limits.allows_position(inside).all()
-    outside = torch.tensor([[-0.96, 0, 1], [0, -0.96, 1], [0, 0, 0.04], [4.26, 2, 1], [3, 3.26, 1], [3, 2, 2.76]])
+    outside = torch.tensor([[-0.71, 0, 1], [0, -0.71, 1], [0, 0, 0.29], [4.01, 2, 1], [3, 3.01, 1], [3, 2, 2.51]])
     assert not limits.allows_position(outside).any()
     assert limits.searched_starts(STARTS).all()
 
@@ -110,7 +110,7 @@ def test_without_a_hint_of_the_place_poses_stay_in_reach_of_the_free_space() -> 
 @pytest.mark.parametrize("hints", [Hints(position_m=(90.0, 0.0, 0.0)), Hints(region=((50.0, 0, 0), (60.0, 1, 1)))])
 def test_a_hint_of_the_place_counts_however_far_beyond_the_scan(hints: Hints) -> None:
     limits = pose_limits(hints, STARTS)
-    assert within_reach(limits, STARTS, 0.75) == limits
+    assert within_reach(limits, STARTS) == limits
 
 
 def test_the_search_reaches_beyond_the_hints_by_its_margins() -> None:

@@ -71,8 +71,8 @@ def test_numbers_are_halved_and_doubled_wherever_they_stand() -> None:
         found = PARAMETERS[name]
         return [None if each is None else getattr(each.config, section) for each in (found.half, found.double)]
 
-    near = SEARCH.reach_m
-    assert [search.reach_m for search in values("search.reach_m", "search")] == [near / 2, near * 2]
+    tilt = SEARCH.level_tilt_deg
+    assert [search.level_tilt_deg for search in values("search.level_tilt_deg", "search")] == [tilt / 2, tilt * 2]
     stop = LocalizerConfig().refinement.stop
     halved, doubled = (each.stop for each in values("refinement.stop.pixels", "refinement"))
     assert (halved.pixels, doubled.pixels) == (stop.pixels / 2, stop.pixels * 2)
@@ -94,30 +94,30 @@ def test_a_field_of_all_rounds_is_changed_together_and_what_is_none_stays_so() -
 def test_integers_stay_whole_and_above_nothing_and_shares_stay_shares() -> None:
     varied = [m for each in PARAMETERS.values() for m in (each.half, each.double) if m is not None]
     assert len({method.digest for method in varied}) == len({method.name for method in varied}) == len(varied)
-    assert PARAMETERS["judge.sure"].half is not None
-    assert PARAMETERS["judge.sure"].double is None
-    base = compared_method("one=fast:refinement.fine_candidates=1,search.first_portion=3")
-    one, three = parameters_like(base, ["refinement.fine_candidates", "search.first_portion"])[::-1]
-    assert (one.name, one.half) == ("refinement.fine_candidates", None)
+    assert PARAMETERS["focal.stated"].half is not None
+    assert PARAMETERS["focal.stated"].double is None
+    base = compared_method("one=fast:lines.squares=1,search.first_maps=3")
+    one, three = parameters_like(base, ["lines.squares", "search.first_maps"])[::-1]
+    assert (one.name, one.half) == ("lines.squares", None)
     assert three.half is not None
-    assert three.half.config.search.first_portion == 2
+    assert three.half.config.search.first_maps == 2
 
 
 def test_the_paper_and_what_a_map_is_built_with_are_left_alone() -> None:
     assert {name.partition(".")[0] for name in PARAMETERS}.isdisjoint({"paper", "descriptors", "aliases"})
-    chosen = [each.name for each in parameters_like(FAST, ["judge.sure*", "search.reach_m"])]
-    assert chosen == [name for name in PARAMETERS if name.startswith("judge.sure") or name == "search.reach_m"]
+    chosen = [each.name for each in parameters_like(FAST, ["focal.stated*", "search.level_tilt_deg"])]
+    assert chosen == [name for name in PARAMETERS if name.startswith("focal.stated") or name == "search.level_tilt_deg"]
     with pytest.raises(OptionsError, match=r"only: expected a pattern of parameters such as judge\.\*, got nothing"):
         parameters_like(FAST, ["nothing"])
 
 
 def test_a_variant_names_fields_of_sections_within_sections() -> None:
-    variant = compared_method("x=fast:refinement.stop.pixels=2,search.reach_m=3")
-    assert (variant.config.refinement.stop.pixels, variant.config.search.reach_m) == (2.0, 3.0)
+    variant = compared_method("x=fast:refinement.stop.pixels=2,search.level_tilt_deg=3")
+    assert (variant.config.refinement.stop.pixels, variant.config.search.level_tilt_deg) == (2.0, 3.0)
 
 
 def test_outcomes_count_what_is_right_wrong_and_another_answer() -> None:
-    (sure,) = parameters_like(FAST, ["judge.sure"])
+    (sure,) = parameters_like(FAST, ["focal.stated"])
     assert sure.half is not None
     kept = [made_row(0, 0.01), made_row(1, 0.02), made_row(2, 3.0, status="not_localized")]
     half = [made_row(0, 0.01), made_row(1, 0.21), made_row(2, 3.0, seconds=2.0)]
@@ -137,17 +137,17 @@ def _as(method: str, row: Any) -> dict[str, Any]:
 @pytest.mark.usefixtures("empty_room")
 def test_a_table_tells_what_each_is_worth_and_a_second_run_reuses_the_rows(panoloc: Panoloc, tmp_path: Path) -> None:
     arguments = ["evaluate", "parameters", "--suite", "rooms", "--seeds", "1-3", "--out", str(tmp_path)]
-    arguments += ["--only", "search.num_candidates", "--only", "search.pool", "--only", "judge.sure"]
+    arguments += ["--only", "search.num_candidates", "--only", "search.pool", "--only", "focal.stated"]
     first = panoloc(*arguments)
     assert first.code == ExitCode.OK, first.err
     lines = {
-        line.split()[0]: line.split()[1:] for line in first.out.splitlines() if line.startswith(("search", "judge"))
+        line.split()[0]: line.split()[1:] for line in first.out.splitlines() if line.startswith(("search", "focal"))
     }
     # 16, 32 and 64 cm off: right is within 30 cm, wrong beyond 50.
     figures = [*"300", *"333", *"003", "0.1600", "0.3200", "0.6400"]
     assert lines["search.num_candidates"][:13] == [str(SEARCH.num_candidates), *figures]
     assert lines["search.num_candidates"][-2:] == ["6", "0"]
-    assert lines["judge.sure"][-2:] == ["0", "0"]
+    assert lines["focal.stated"][-2:] == ["0", "0"]
     assert lines["search.pool"][-2:] == ["3", "3"]
     assert (tmp_path / "parameters.txt").read_text().split() == first.out.split()
 
