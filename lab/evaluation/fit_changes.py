@@ -1,7 +1,7 @@
 """`python -m panoloc.lab.evaluation.fit_changes FOLDER`: fit the network that tells what came and went (`panoloc.core.changes.network`).
 
 Makes procedural rooms with known changes, keeps what is said of their voxels in FOLDER, and fits for a number of steps, from the beginning
-or from weights of an earlier fit. With a thread of one processor (OMP_NUM_THREADS=1) 20 minutes for rooms, of which several processes can
+or from weights of earlier fits. With a thread of one processor (OMP_NUM_THREADS=1) 20 minutes for rooms, of which several processes can
 each make a part beforehand, and 40 for 7,200 steps; 6 GB of disk and memory. Seeds from 10,000 are for this alone; `python -m
 tests.campaign changes` measures on others.
 """
@@ -45,7 +45,13 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--rooms", type=int, default=800)
     parser.add_argument("--steps", type=int, default=7200)
-    parser.add_argument("--begin", type=Path, help="weights to begin with, of an earlier fit; by default random ones")
+    parser.add_argument(
+        "--begin",
+        type=Path,
+        nargs="+",
+        help="weights of earlier fits, whose mean it begins with; by default random ones",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the crops that it is fitted to")
     parser.add_argument(
         "--weights", type=Path, default=WEIGHTS, help="where to write them; those of the package by default"
     )
@@ -56,8 +62,9 @@ def main(arguments: Sequence[str]) -> int:
         if not path.exists():
             features, targets = described_room(seed)
             np.savez(path, features=features, targets=targets)
-    network = _unfitted() if given.begin is None else fitted_network(given.begin)
-    fit(network, sorted(given.folder.glob("*.npz")), given.steps, seed=int(given.begin is not None))
+    network = _unfitted() if given.begin is None else mean_network(given.begin)
+    if given.steps > 0:
+        fit(network, sorted(given.folder.glob("*.npz")), given.steps, given.seed)
     write_weights(network, given.weights)
     return 0
 
@@ -153,6 +160,14 @@ def fit(network: VoxelNetwork, paths: Sequence[Path], steps: int, seed: int) -> 
         if step % 100 == 0:
             print(step, f"{loss.item():.3f}", flush=True)
     network.eval()
+
+
+def mean_network(paths: Sequence[Path]) -> VoxelNetwork:
+    """Return the network with the mean of some weights: that of the ends of several fits finds more than each of them (arXiv:1803.05407)."""
+    states = [fitted_network(path).state_dict() for path in paths]
+    network = fitted_network(paths[0])
+    network.load_state_dict({name: sum(state[name] for state in states) / len(states) for name in states[0]})
+    return network
 
 
 def _unfitted() -> VoxelNetwork:
