@@ -163,7 +163,7 @@ def fit(network: VoxelNetwork, paths: Sequence[Path], steps: int, seed: int) -> 
 
 
 def mean_network(paths: Sequence[Path]) -> VoxelNetwork:
-    """Return the network with the mean of some weights: that of the ends of several fits finds more than each of them (arXiv:1803.05407)."""
+    """Return the network with the mean of some weights: that of the ends of several fits finds more than each (arXiv:1803.05407)."""
     states = [fitted_network(path).state_dict() for path in paths]
     network = fitted_network(paths[0])
     network.load_state_dict({name: sum(state[name] for state in states) / len(states) for name in states[0]})
