@@ -20,6 +20,8 @@ from panoloc.core.sandbox import SandboxLimits, refuse_system_calls, take_limits
 from panoloc.core.scan.reading_context import CHUNK_ROWS, SAID, RawChunk, ReadingContext
 
 _LONGEST_MESSAGE = 2000
+# laspy loads them where it can, for what no reader uses; that takes half of the time of a small scan.
+_NEEDLESS = ("pyproj", "requests")
 
 
 def main() -> None:
@@ -51,6 +53,7 @@ def _end_with_parent() -> None:
 def _read(job: dict[str, Any], stream: BinaryIO) -> None:
     from panoloc.core.scan.reading import READERS
 
+    sys.modules.update(dict.fromkeys(_NEEDLESS))  # type: ignore[arg-type]  # None: not to be had
     path, folder = Path(job["path"]), job["folder"] and Path(job["folder"])
     context = ReadingContext(path, ScanOptions(**job["options"]), path.stat().st_size, folder=folder)
     module, _, name = job["reader"].rpartition(":")

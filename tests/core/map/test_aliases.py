@@ -38,7 +38,7 @@ def scan_again() -> PointCloud:
 def map_of_two_equal_rooms() -> MapIndex:
     here, there = BOX.scan(12_000), scan_again()
     positions, colors = np.concatenate((here.positions, there.positions)), np.concatenate((here.colors, there.colors))
-    return build_map_index(PointCloud(positions, colors, num_points_read=24_000), IndexOptions(spacing_m=0.5))
+    return build_map_index(PointCloud(positions, colors, num_points_read=24_000), IndexOptions(spacing_m=0.8))
 
 
 @cache
@@ -81,7 +81,7 @@ def test_two_equal_rooms_alias_each_other_with_the_turn_between_them() -> None:
     assert 0.3 < is_first.mean() < 0.7
     there, back = starts @ AGAIN.rotation.T + AGAIN.position, (starts - AGAIN.position) @ AGAIN.rotation
     off = np.linalg.norm(found - np.where(is_first[:, None], there, back), axis=1)
-    assert np.median(off) < 0.3  # starts are 0.5 m apart
+    assert np.median(off) < 0.48  # starts are 0.8 m apart
     assert np.mean(off < 1.2) > 0.95
     assert share_off_by(turns_deg, np.where(is_first, 90.0, 270.0)) < 0.05
 
