@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.errors import PanoramaShapeError
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.shown_camera import ShownCamera, shown_camera
 from panoloc.core.options import Hints, PosePrior
@@ -101,9 +103,9 @@ class HandPlacing:
         await registry.find([by_hand.map_id])
         ref = serving_ref(registry.seen_by(record.tenant).get(by_hand.map_id))
         data = await self._store.image(record.id, number)
-        seen = await asyncio.to_thread(shown_camera, data, record.camera, self._max_pixels)
+        seen, camera = await self._shown(record, number, data)
         guesses = await asyncio.to_thread(_guesses, by_hand, seen)
-        photo = _Photo(record, seen, by_hand.pairs, registry.georeferences([ref]).get(ref.id), ref)
+        photo = _Photo(record, seen, camera, by_hand.pairs, registry.georeferences([ref]).get(ref.id), ref)
         answers = [await self._refined(photo, data, guess, by_hand, request_id) for guess in guesses[:_MOST_REFINED]]
         found = [(guess, *refined) for guess, refined in zip(guesses, answers, strict=False) if refined is not None]
         if not found:
@@ -135,6 +137,20 @@ class HandPlacing:
         """Return to the answer of the search."""
         await self._store.put_by_hand(record.id, number, None)
 
+    async def _shown(
+        self, record: BatchRecord, number: int, data: bytes
+    ) -> tuple[ShownCamera, CameraDescription | None]:
+        """Return the camera of a photo, and how it was described: with the batch, or with the query whose answer the batch was given."""
+        described = record.camera
+        try:
+            return await asyncio.to_thread(shown_camera, data, described, self._max_pixels), described
+        except PanoramaShapeError:
+            answer = (await self._store.results(record.id, [number])).get(number, {}).get("answer")
+            if answer is None or answer["images"][0]["camera"]["model"] != "pinhole":
+                raise
+            described = CameraDescription("pinhole", hfov_deg=answer["images"][0]["camera"]["hfov_deg"])
+            return await asyncio.to_thread(shown_camera, data, described, self._max_pixels), described
+
     async def _refined(
         self, photo: "_Photo", data: bytes, guess: "_Guess", by_hand: ByHand, request_id: str
     ) -> tuple[Pose, Localization] | None:
@@ -145,7 +161,7 @@ class HandPlacing:
         prior = PosePrior(tuple(position), tuple(turned), "ros", guess.position_std_m, guess.orientation_std_deg, True)
         record = photo.record
         options = replace(record.options, method="fast", hints=Hints(prior=prior), artifacts=(), top_k=1)
-        image = QueryImage(data, camera=record.camera)
+        image = QueryImage(data, camera=photo.camera)
         choice = MapChoice((by_hand.map_id,), None, record.tenant)
         answer = await self._localizations.answer(LocalizeRequest((image,), choice, options, request_id))
         best = answer.pose or next((each.pose for each in answer.alternatives), None)
@@ -165,10 +181,11 @@ class _Guess:
 
 @dataclass(frozen=True)
 class _Photo:
-    """The photo and the map in which it is placed. place: of the map on Earth."""
+    """The photo and the map in which it is placed. camera: as described, None where the file says it. place: of the map on Earth."""
 
     record: BatchRecord
     seen: ShownCamera
+    camera: CameraDescription | None
     pairs: Pairs | None
     place: PlaceOnEarth | None
     ref: MapRef

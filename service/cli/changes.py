@@ -9,8 +9,12 @@ from rich.table import Table
 
 from panoloc.core.options import ReportFormat
 from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.progress import show_waiting
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.client import JsonObject
+
+_LOOKING = "looking for what changed"
+_LONGEST_S = 1800.0  # a minute for some ten photos, on a machine that does nothing else
 
 
 def changes(
@@ -46,10 +50,13 @@ def changes(
     with session.client(url) as client:
         if format is not None:
             file = out or Path(f"{map_id}-changes{_ending(format)}")
-            file.write_bytes(client.fetch(f"{path}/report?{urlencode({**query, 'format': format})}"))
+            with show_waiting(session.messages, _LOOKING):
+                report = client.fetch(f"{path}/report?{urlencode({**query, 'format': format})}", _LONGEST_S)
+            file.write_bytes(report)
             session.show({"file": str(file)}, f"wrote {file}")
             return ExitCode.OK
-        found = client.fetch_json(f"{path}?{urlencode(query)}" if query else path)
+        with show_waiting(session.messages, _LOOKING):
+            found = client.fetch_json(f"{path}?{urlencode(query)}" if query else path, _LONGEST_S)
     if json:
         session.print_json(found)
     elif found["objects"]:

@@ -43,7 +43,8 @@ def _lines(report: JsonObject, is_applied: bool) -> list[str]:
         )
         if (place := fit["georeference"]) is not None:
             at = f"{place['latitude_deg']:.8f}, {place['longitude_deg']:.8f}, {place['height_m']:.3f} m"
-            then = "the map has it now" if is_applied else "--apply sets it"
+            wrong = f"mend or remove {report['suspect']} first" if report["suspect"] else "--apply sets it"
+            then = "the map has it now" if is_applied else wrong
             lines.append(f"georeference by the fit: {at}, heading {place['heading_deg']:.4f} deg; {then}")
     open_points = [point["name"] for point in report["points"] if point["position_m"] is None]
     if open_points:

@@ -190,13 +190,13 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         names = [name for name, _ in images]
         return self._upload("/batches", files, _fields(map_ids, tag, options), UPLOAD_READ_TIMEOUT_S, names)
 
-    def fetch(self, path: str) -> bytes:
+    def fetch(self, path: str, wait_s: float = READ_TIMEOUT_S) -> bytes:
         """Return the body at a path of the service, such as the link of a score map."""
-        return self._checked("GET", path).content
+        return self._checked("GET", path, timeout=wait_s).content
 
-    def fetch_json(self, path: str) -> JsonObject:
+    def fetch_json(self, path: str, wait_s: float = READ_TIMEOUT_S) -> JsonObject:
         """Return the document at a path of the service."""
-        return json_object(self._checked("GET", path))
+        return json_object(self._checked("GET", path, timeout=wait_s))
 
     def download(self, path: str, query: Mapping[str, str], file: BinaryIO) -> None:
         """Write the body at a path into an open file, block by block."""

@@ -59,7 +59,7 @@ class PlaceFolder:
         self.folder = folder
         self.question = question
         self._photos = Path(question.photos)
-        self._cameras = _read(self._photos / CAMERAS_FILE) or {}
+        self._cameras = _cameras_in(self._photos / CAMERAS_FILE)
 
     @classmethod
     @contextmanager
@@ -117,9 +117,11 @@ class PlaceFolder:
         return found
 
     def photo(self, name: str) -> Photo:
-        """Return a photo; without a result if it has none, or if its file has changed since."""
+        """Return a photo; without a result if it has none, or if its file or its entry in `cameras.json` has changed since."""
         file, found = self._photos / name, _read(self._result_file(name))
-        is_current = found is not None and found["file"] == _fingerprint(file)
+        is_current = (
+            found is not None and found["file"] == _fingerprint(file) and found.get("camera") == self.camera(name)
+        )
         return Photo(name, file, found["result"] if found is not None and is_current else None)
 
     def camera(self, name: str) -> JsonObject | None:
@@ -130,7 +132,8 @@ class PlaceFolder:
     def put_result(self, photo: Photo, result: Result) -> None:
         """Store the result of a photo."""
         assert photo.image is not None
-        document = {"name": photo.name, "file": _fingerprint(photo.image), "result": result}
+        camera = self.camera(photo.name)
+        document = {"name": photo.name, "file": _fingerprint(photo.image), "camera": camera, "result": result}
         # Another answer to the same file is of the same batch.
         former = {} if photo.result is None else self._document(photo)
         _write(self._result_file(photo.name), {**former, **document})
@@ -204,6 +207,23 @@ def is_final(result: Result | None) -> bool:
 def are_options_refused(problem: JsonObject) -> bool:
     """Tell whether a problem document is about the options, not about the photo."""
     return str(problem.get("type", "")).endswith(_OPTIONS_REFUSED)
+
+
+def _cameras_in(file: Path) -> JsonObject:
+    """Return the cameras by the names of their photos, none without the file. Raises typer.BadParameter for a file that is none."""
+    if not file.exists():
+        return {}
+    found = _read(file)
+    if found is None:
+        raise typer.BadParameter(
+            f"expected JSON, an object of cameras by the names of photos, in {file}; mend it", param_hint="FOLDER"
+        )
+    if unknown := [name for name in found if not (file.parent / name).is_file()]:
+        message = (
+            f"expected the names of photos in {file}, got {unknown[0]!r}, of which there is no file; mend or remove it"
+        )
+        raise typer.BadParameter(message, param_hint="FOLDER")
+    return found
 
 
 def _wrong_out(message: str) -> typer.BadParameter:

@@ -91,6 +91,22 @@ async def test_a_lost_photo_is_placed_by_points_and_counts_as_found_until_that_i
     assert (await running.client.delete(path)).status_code == 200
 
 
+async def test_a_photo_whose_camera_its_answer_tells_is_placed_with_that(running: RunningService) -> None:
+    running.pool.outcome_of = lost
+    map_id = await running.ready_map()
+    photo = ("photo.png", encoded(np.zeros((400, 500, 3), np.uint8), "PNG"))
+    camera = {"model": "pinhole", "hfov_deg": 70.0}
+    sent = {"map_id": map_id, "options": json.dumps({"cameras": [camera]})}
+    answer = (await running.client.post("/localize", files={"image": photo}, data=sent)).json()
+    assert answer["images"][0]["camera"] == camera
+    sent = {"map_id": map_id, "options": json.dumps({"answers": [answer["id"]]})}
+    batch = (await running.client.post("/batches", files={"image": photo}, data=sent)).json()["id"]
+    await running.done(batch)
+    reply = await running.client.post(f"/batches/{batch}/images/0/pose", json={"pose": ROUGH})
+    assert reply.status_code == 200, reply.text
+    assert running.pool.jobs[-1].images[0].camera.hfov_deg == 70.0
+
+
 async def test_a_rough_pose_is_refined_there_alone(running: RunningService) -> None:
     _, path = await lost_photo(running)
     running.pool.jobs.clear()

@@ -107,7 +107,16 @@ def test_photos_of_several_cameras_have_theirs_and_an_option_goes_before(
     place: Panoloc, fake: FakeService, tmp_path: Path
 ) -> None:
     folder, camera = folder_of(tmp_path, "a.jpg"), {"model": "pinhole", "hfov_deg": 90.0}
-    (folder / "cameras.json").write_text(json.dumps({"a.jpg": camera, "b.jpg": 3}))
+    cameras = folder / "cameras.json"
+    for wrong, said in (("{bad", "expected JSON"), (json.dumps({"A.jpg": camera}), "got 'A.jpg'")):
+        cameras.write_text(wrong)
+        outcome = place()
+        assert (outcome.code, said in outcome.said, fake.requests) == (ExitCode.USAGE, True, [])
+    cameras.write_text(json.dumps({"a.jpg": camera}))
+    assert place().code == 0
+    assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
+    camera["hfov_deg"] = 80.0
+    cameras.write_text(json.dumps({"a.jpg": camera}))
     assert place().code == 0
     assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
     assert place("--out", tmp_path / "other", "--hfov", "70").code == 0
