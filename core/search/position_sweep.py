@@ -20,7 +20,7 @@ from panoloc.core.search.described_rig import DescribedRig, RigPixels
 from panoloc.core.search.pixel_scores import ComparedColors
 
 _PIXELS_AT_ONCE = 1_000_000
-_FAR_M, _NEAREST_M = 30.0, 0.1
+_FAR_M = 30.0
 
 
 def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, config: SearchConfig) -> Candidates:
@@ -111,5 +111,5 @@ def _seen_from(centers: Tensor, towards: Tensor, depth: Tensor, height: int) -> 
     # The place on the ray that is nearest to the point there; summed by hand, for norms of triples take several times as long.
     on_ray = (where * towards).sum(-1)
     distance = where.square().sum(-1).sqrt().clamp_min(1e-6)
-    along = (on_ray * length / distance - (centers * towards).sum(-1)).clamp_min(_NEAREST_M)[..., None]
+    along = (on_ray * length / distance - (centers * towards).sum(-1)).clamp_min(DISTANCES.same.distance_m)[..., None]
     return pixels_towards(centers + along * towards, height)
