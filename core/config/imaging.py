@@ -15,6 +15,11 @@ class ContrastConfig:
     scale: float = 0.5  # logarithm of the ratio at which contrast begins to saturate
     noise: float = 1e-3  # variance of colours in a patch below which contrast is noise
 
+    @property
+    def extent_rows(self) -> int:
+        """Return the rows of the images that tell roughly what is shown."""
+        return 2 * self.rows
+
 
 @dataclass(frozen=True)
 class RenderingConfig:

@@ -74,6 +74,11 @@ class RefinementConfig:
     # Of the points, by which halves of a picture are refined apart: with a quarter those of right poses end twice as far apart.
     halves_every: int = 2
 
+    @property
+    def finest_rows(self) -> int:
+        """Return the rows of the finest images of rigs that cover little."""
+        return 4 * self.fine_rows
+
     def coarse_points_of(self, share: float) -> int:
         """Return how many points are aligned on what starts see, of a rig that covers a `share` of the sphere."""
         return min(self.most_coarse_points, round(max(1.0, share / self.coarse_share) * self.coarse_points))

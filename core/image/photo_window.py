@@ -14,13 +14,13 @@ from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image, share_with_direction
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo, Rig
-from panoloc.core.config import CONTRAST
+from panoloc.core.config import CONTRAST, RefinementConfig
 from panoloc.core.errors import OptionsError, PanoramaUnusableError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.kernels.library import call, has_kernels
 
-FINEST_ROWS = 1024  # of the sphere on which photos are looked at
+FINEST_ROWS = RefinementConfig().finest_rows  # of the sphere on which photos are looked at
 _LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
 EXTENT_ROWS = 128  # of the sphere on which the extent of a photo is looked for
 _COARSEST_ROWS = CONTRAST.rows  # windows begin and end at whole pixels of the coarsest images that are made of photos

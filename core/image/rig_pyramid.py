@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.camera.rig import Rig
+from panoloc.core.config import CONTRAST
 from panoloc.core.errors import PanoramaUnusableError
 from panoloc.core.geometry.projection import unproject
 from panoloc.core.geometry.rotations import even_directions
@@ -22,8 +23,6 @@ from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.image.level import BORDER, Level
 from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
 from panoloc.core.kernels.library import num_threads
-
-_COARSE_ROWS = 32  # of the windows that tell roughly what images show; those of `EXTENT_ROWS` tell it
 
 
 @dataclass(frozen=True)
@@ -178,7 +177,7 @@ class RigPyramid:
         self.cones = torch.tensor([each.cone for each in sampled], device=device)
         self.finest_rows = max(each.window.rows for each in sampled)
         self._windows: dict[int, Windows] = {}
-        if not bool((self.windows(_COARSE_ROWS).valid > 0).any()):
+        if not bool((self.windows(CONTRAST.extent_rows).valid > 0).any()):
             raise PanoramaUnusableError(
                 "image: expected contiguous visible pixels, got a mask or transparency that leaves less than half of "
                 "the pixels everywhere; mask whole regions, not single pixels"
@@ -206,11 +205,11 @@ class RigPyramid:
 
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, or almost: within `margin`, radians."""
-        windows = self.windows(_COARSE_ROWS)
+        windows = self.windows(CONTRAST.extent_rows)
         if any(window.place.is_whole and bool(window.valid.all()) for window in windows.each):
             return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
         pixels, of = windows.rig_directions[windows.valid > 0], windows.image[windows.valid > 0]
-        reach = margin + 0.71 * math.pi / _COARSE_ROWS  # half a pixel's diagonal
+        reach = margin + 0.71 * math.pi / CONTRAST.extent_rows  # half a pixel's diagonal
         # Most directions are nowhere near an image: the cones around them tell these apart at once.
         near = directions @ self.rotations[:, :, 0].T >= (self.cones + reach).clamp(max=math.pi).cos() - 1e-6
         shown = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)

@@ -8,15 +8,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from panoloc.core.config import CONTRAST
+from panoloc.core.config import CONTRAST, RefinementConfig
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Box, IndexOptions
 from panoloc.core.scan.point_cloud import Diagnostic
 
 # A furnished room of 12 m² scanned with fewer covers less than a sixth of what its best start could see, measured.
 _FEW_POINTS = 1000
-# Of the sphere. Measured from the best start: rooms 0.96, streets 0.58, a wall alone 0.02, starts beside a room 0.003.
-_LEAST_SEEN = 0.1
 # Of all points. Of bare white rooms, scanned, only a hundredth are within the noise of the colour in the middle.
 _SAME_COLOR_SHARE = 0.95
 
@@ -50,10 +48,12 @@ def _diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) 
         )
         yield Diagnostic("hardly_any_colors", "warning", message)
     seen = float(index.sampled_shares.max())
-    if seen < _LEAST_SEEN:
+    # Rooms 0.96, streets 0.58, a wall alone 0.02, starts beside a room 0.003. With less a pose is not refined at full resolution, either.
+    least = RefinementConfig().least_filled
+    if seen < least:
         message = (
             f"From the best of the {index.num_starts:,} starts the scan covers {seen:.1%} of the view; at least "
-            f"{_LEAST_SEEN:.0%} is expected. Is the scan dense enough, does it surround the places where cameras stand, and "
+            f"{least:.0%} is expected. Is the scan dense enough, does it surround the places where cameras stand, and "
             "do the starts lie within it?"
         )
         yield Diagnostic("starts_see_little", "warning", message)

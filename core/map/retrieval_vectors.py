@@ -15,10 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from panoloc.core.config import SearchConfig
 from panoloc.core.errors import IndexFormatError
 from panoloc.core.map.map_index import MapIndex
 
-HALVINGS = 1
+HALVINGS = SearchConfig().halvings(is_wide=True)
 """How often patches are taken together, two by two a side."""
 RETRIEVAL_VERSION = 1
 """Of what the vectors mean; rises with every change of the directions."""

@@ -5,10 +5,11 @@ import math
 import torch
 from torch import Tensor
 
+from panoloc.core.config import DISTANCES
+
 _CELL_M = 0.2
 _FLATNESS = 0.05  # of the variance across a piece of wall over the least along it
 _SURFACE_FLATNESS = 0.3  # likewise, of a surface that may be thick
-_NEAR_DEG = 3.0  # around the axes
 
 
 def wall_axes(positions: Tensor) -> Tensor:
@@ -20,7 +21,7 @@ def wall_axes(positions: Tensor) -> Tensor:
     weights = weights * normals[:, :2].square().sum(1)
     quarter = math.pi / 2
     azimuth, order = (torch.atan2(normals[:, 1], normals[:, 0]) % quarter).sort()
-    weights, near = weights[order], math.radians(_NEAR_DEG)
+    weights, near = weights[order], math.radians(DISTANCES.same.angle_deg)
     # The window around each normal of all others within `near` of it, a quarter turn being a full circle.
     sums = torch.nn.functional.pad(weights.repeat(3).cumsum(0), (1, 0))
     circle = torch.cat((azimuth - quarter, azimuth, azimuth + quarter))

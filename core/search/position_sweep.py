@@ -14,13 +14,13 @@ from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.kernels.library import has_kernels_for
 from panoloc.core.map.map_index import MapIndex
+from panoloc.core.options import FARTHEST_M
 from panoloc.core.render.synthetic_view import RENDER_BATCH, depths_from, render_views
 from panoloc.core.search.candidates import Candidates
 from panoloc.core.search.described_rig import DescribedRig, RigPixels
 from panoloc.core.search.pixel_scores import ComparedColors
 
 _PIXELS_AT_ONCE = 1_000_000
-_FAR_M, _NEAREST_M = 30.0, 0.1
 
 
 def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, config: SearchConfig) -> Candidates:
@@ -90,7 +90,7 @@ def _views(index: MapIndex, starts: Tensor, height: int) -> tuple[Tensor, Tensor
         depths.append(views.depth.flatten(1))
         colors.append((views.color * 255).round().byte().flatten(0, 2))
         valid.append(views.valid.flatten())
-    depth = torch.cat(depths).clamp(max=_FAR_M)
+    depth = torch.cat(depths).clamp(max=FARTHEST_M)
     if stored:
         return depth, index.views.pictures[starts].flatten(0, 2), index.views.seen[starts].flatten()
     return depth, torch.cat(colors), torch.cat(valid)
@@ -111,5 +111,5 @@ def _seen_from(centers: Tensor, towards: Tensor, depth: Tensor, height: int) -> 
     # The place on the ray that is nearest to the point there; summed by hand, for norms of triples take several times as long.
     on_ray = (where * towards).sum(-1)
     distance = where.square().sum(-1).sqrt().clamp_min(1e-6)
-    along = (on_ray * length / distance - (centers * towards).sum(-1)).clamp_min(_NEAREST_M)[..., None]
+    along = (on_ray * length / distance - (centers * towards).sum(-1)).clamp_min(DISTANCES.same.distance_m)[..., None]
     return pixels_towards(centers + along * towards, height)
