@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.rig import Photo
 from panoloc.core.geometry.pose import Pose
@@ -53,7 +54,13 @@ def outcome_of(job: LocalizeJob, pose: Pose = POSE, status: Status = "localized"
         session_from_camera = Pose.from_frame(first.position_m, first.quaternion_xyzw, job.options.frame)
         found = replace(found, map_from_session=pose.after(session_from_camera.inverse()))
     pictures: dict[str, bytes] = {name: PNG + name.encode() for name in job.options.artifacts}
-    return LocalizeOutcome(answer_of(found, job, [PHOTO] * len(job.images), {}, pictures), pictures)
+    photos = [PHOTO if each.camera is None else described_photo(each.camera) for each in job.images]
+    return LocalizeOutcome(answer_of(found, job, photos, {}, pictures), pictures)
+
+
+def described_photo(camera: CameraDescription) -> Photo:
+    """Return a small photo of a camera."""
+    return Photo(PHOTO.color, PHOTO.valid, camera.of_image((8, 4), (8, 4)))
 
 
 @dataclass

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.lens import project_to_image
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Status
@@ -104,7 +104,7 @@ async def test_a_photo_whose_camera_its_answer_tells_is_placed_with_that(running
     await running.done(batch)
     reply = await running.client.post(f"/batches/{batch}/images/0/pose", json={"pose": ROUGH})
     assert reply.status_code == 200, reply.text
-    assert running.pool.jobs[-1].images[0].camera.hfov_deg == 70.0
+    assert running.pool.jobs[-1].images[0].camera == CameraDescription("pinhole", hfov_deg=70.0)
 
 
 async def test_a_rough_pose_is_refined_there_alone(running: RunningService) -> None:
