@@ -114,7 +114,11 @@ def _local(positions: Array, used: Sequence[ControlPoint], place: Mapping[str, A
         fit = fit_level(positions, known, [point.name for point in used])
     except OptionsError as error:
         return ControlCheck(False, as_is, None, str(error), None, str(error), None, ())
-    return ControlCheck(False, as_is, fit, None, None, why, *_doubts(fit, used))
+    away_km = np.linalg.norm((known - positions).mean(axis=0)) / 1000
+    far = f"the points lie {away_km:,.0f} km from where the scan has them: name their coordinate system, or check their unit"
+    return ControlCheck(
+        False, as_is, fit, None, None, why, *_doubts(fit, used, [far] if 1000 * away_km > _FARTHEST_M else [])
+    )
 
 
 def _explained(

@@ -149,7 +149,7 @@ class _Placing:
         statuses = Counter(photo.result["status"] for photo in photos if photo.result and is_final(photo.result))
         self._has_answers = bool(statuses)
         if statuses:
-            self.session.messages.print(f"{statuses.total()} of {_counted(len(photos))} are already done")
+            self.session.messages.print(f"already done: {statuses.total()} of {_counted(len(photos))}")
         # Closed at once, so that no photo begins after an error.
         with (
             show_counts(self.session.messages, "placing", len(photos)) as show,

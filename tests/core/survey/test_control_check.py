@@ -100,6 +100,14 @@ def test_coordinates_of_a_site_are_compared_with_the_map_itself() -> None:
     assert (found.is_on_earth, found.georeference) == (False, None)
 
 
+def test_coordinates_of_a_grid_without_its_name_are_asked_for_it() -> None:
+    found = checked(plain(CORNERS + np.array([691_000.0, 5_334_000.0, 520.0])))
+    assert found.fit is not None
+    assert found.warnings == (
+        "the points lie 5,379 km from where the scan has them: name their coordinate system, or check their unit",
+    )
+
+
 @pytest.mark.parametrize(
     ("points", "words"),
     [

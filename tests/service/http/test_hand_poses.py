@@ -120,6 +120,9 @@ async def test_a_rough_pose_is_refined_there_alone(running: RunningService) -> N
     assert (found["refined"]["confidence"], found["better"]) == (0.93, "refined")
     assert any("by eye" in words for words in found["refined"]["warnings"])
     assert (found["given"]["confidence"], found["given"]["accuracy"]) == (0, None)
+    # One that is farther off than the person said, and that the scan hardly supports, is not taken.
+    found = (await running.client.post(path, json={"pose": ROUGH, "position_std_m": 0.2})).json()
+    assert found["better"] == "given"
 
 
 async def test_a_refined_pose_that_leaves_the_clicked_points_is_doubted(running: RunningService) -> None:

@@ -43,7 +43,7 @@ def test_photos_of_any_name_are_placed_and_exported(place: Panoloc, tmp_path: Pa
     assert (outcome.code, f"{len(NAMES)} photos: {len(NAMES)} localized" in outcome.out) == (0, True)
     assert len(list((out / "navvis").glob("*-pano.*"))) == len(NAMES)
     assert len(list((out / "colmap-rig" / "images" / "front").rglob("*.jpg"))) == len(NAMES)
-    assert "are already done" in place().err
+    assert "already done: " in place().err
 
 
 def test_a_name_that_is_no_utf_8_is_placed_too(place: Panoloc, tmp_path: Path, out: Path) -> None:
@@ -51,7 +51,7 @@ def test_a_name_that_is_no_utf_8_is_placed_too(place: Panoloc, tmp_path: Path, o
     outcome = place("--export", "potree")
     assert (outcome.code, "2 photos: 2 localized" in outcome.out) == (0, True), outcome.err
     assert os.fsencode(NO_UTF8) in (out / "potree" / "unplaced.txt").read_bytes()
-    assert "2 of 2 photos are already done" in place().err
+    assert "already done: 2 of 2 photos" in place().err
 
 
 def test_a_file_that_cannot_be_read_fails_alone_and_is_tried_again(place: Panoloc, tmp_path: Path, out: Path) -> None:
@@ -137,7 +137,7 @@ def test_a_run_whose_service_goes_away_can_be_resumed_and_says_so(
     outcome = place("--parallel", "1")
     assert (outcome.code, "run again to resume" in outcome.err) == (ExitCode.UNREACHABLE, True)
     fake.down, fake.on_request = False, lambda request: None
-    assert "1 of 2 photos are already done" in place().err
+    assert "already done: 1 of 2 photos" in place().err
 
 
 def test_ctrl_c_keeps_what_is_under_way_and_says_so(
@@ -153,7 +153,7 @@ def test_ctrl_c_keeps_what_is_under_way_and_says_so(
         changed.setattr(place_command, "as_completed", interrupted)
         outcome = place()
     assert (outcome.code, "run again to resume" in outcome.err) == (EXIT_INTERRUPTED, True)
-    assert "2 of 2 photos are already done" in place().err
+    assert "already done: 2 of 2 photos" in place().err
 
 
 def test_photos_that_are_gone_are_told_of_when_they_are_exported(

@@ -93,7 +93,7 @@ def test_a_run_that_was_ended_goes_on_where_it_was_and_does_nothing_twice(
     fake.answers, fake.requests = {}, []
     outcome = place()
     assert (outcome.code, num_queries(fake)) == (0, 1)
-    assert "2 of 3 photos are already done" in outcome.err
+    assert "already done: 2 of 3 photos" in outcome.err
     assert (place().code, num_queries(fake)) == (0, 1)
 
 
