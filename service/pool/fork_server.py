@@ -43,7 +43,7 @@ class _ForkServer:
                     continue  # its other event came first
                 elif key.fileobj == self._ends[key.data]:
                     self._tell_end(key.data)
-                elif not self._lifelines[key.data].recv(1):
+                elif _is_closed(self._lifelines[key.data]):
                     self._events.unregister(key.fileobj)
                     os.kill(key.data, signal.SIGKILL)  # it is not reaped yet, so the id is still its own
 
@@ -53,7 +53,12 @@ class _ForkServer:
             sys.exit()  # the service has ended, and all that was forked ends with this process
         what, variables = pickle.loads(request)
         conversation, lifeline = pipes
-        pid = os.fork()
+        try:
+            pid = os.fork()
+        except OSError:  # no memory, or too many processes: whoever asked sees that both are closed
+            os.close(conversation)
+            os.close(lifeline)
+            return None
         if pid == 0:
             self._become_child(what, variables, conversation, lifeline)
             return str(what)
@@ -61,7 +66,7 @@ class _ForkServer:
         self._lifelines[pid], self._ends[pid] = socket.socket(fileno=lifeline), os.pidfd_open(pid)
         self._events.register(self._lifelines[pid], selectors.EVENT_READ, pid)
         self._events.register(self._ends[pid], selectors.EVENT_READ, pid)
-        self._lifelines[pid].send(NUMBER.pack(pid))
+        self._tell(pid, pid)
         return None
 
     def _become_child(self, what: str, variables: dict[str, str], conversation: int, lifeline: int) -> None:
@@ -79,15 +84,24 @@ class _ForkServer:
         os.close(conversation)
 
     def _tell_end(self, pid: int) -> None:
-        code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        self._tell(pid, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
         lifeline, end = self._lifelines.pop(pid), self._ends.pop(pid)
         for each in (lifeline, end):
             with contextlib.suppress(KeyError):  # a lifeline that was closed is not watched any more
                 self._events.unregister(each)
-        with contextlib.suppress(OSError):  # nobody may wait for it
-            lifeline.send(NUMBER.pack(code))
         lifeline.close()
         os.close(end)
+
+    def _tell(self, pid: int, number: int) -> None:
+        with contextlib.suppress(OSError):  # nobody may wait for it any more
+            self._lifelines[pid].send(NUMBER.pack(number))
+
+
+def _is_closed(lifeline: socket.socket) -> bool:
+    try:
+        return not lifeline.recv(1)
+    except OSError:  # closed before everything was read
+        return True
 
 
 def _prctl(option: int, value: Any) -> None:

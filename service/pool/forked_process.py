@@ -91,7 +91,7 @@ class ForkServer:
                 socket.send_fds(self._requests, [request], [its.fileno(), its_lifeline.fileno()])
             lifeline.setblocking(False)
             if (pid := await _next_number(lifeline)) is None:
-                raise OSError("the fork server ended")
+                raise OSError("the fork server has ended, or cannot fork")
             return ForkedProcess(pid, lifeline, *await asyncio.open_unix_connection(sock=ours, limit=_BUFFER_BYTES))
         except BaseException:
             ours.close()

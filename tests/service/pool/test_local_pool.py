@@ -1,5 +1,6 @@
 """What the pool of this machine does beyond the contract, with real processes and a scripted worker."""
 
+import asyncio
 import itertools
 import os
 import signal
@@ -12,6 +13,7 @@ import pytest
 from panoloc.lab.process_memory import command_of, descendants
 from panoloc.service.errors import NoWorkerError, StoredFileDamagedError
 from panoloc.service.pool import process_pool, worker_process
+from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.settings import Settings
 from tests.integration.running_service import eventually, is_running
@@ -139,6 +141,25 @@ def test_a_fork_server_that_is_killed_ends_what_it_has_forked_and_another_one_st
         assert eventually(lambda: not is_running(orphan), 30)
         (tmp_path / "go").touch()
         assert begun.result(60).answer.search["pid"] != orphan
+
+
+def test_starts_that_are_given_up_do_not_end_the_fork_server() -> None:
+    async def given_up() -> int:
+        server = ForkServer([])
+        kept = await server.start("builder")
+        for _ in range(5):
+            start = asyncio.ensure_future(server.start("builder"))
+            await asyncio.sleep(0)
+            start.cancel()
+        another = await server.start("builder")
+        assert is_running(kept.pid)
+        for process in (kept, another):
+            process.kill()
+            assert await process.wait() == -signal.SIGKILL
+        await server.stop()
+        return another.pid
+
+    assert not is_running(asyncio.run(given_up()))
 
 
 def test_a_query_goes_to_the_worker_that_has_its_maps(tmp_path: Path) -> None:
