@@ -14,13 +14,13 @@ from panoloc.core.config import DISTANCES, SearchConfig
 from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.kernels.library import has_kernels_for
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import FARTHEST_M
 from panoloc.core.render.synthetic_view import RENDER_BATCH, depths_from, render_views
 from panoloc.core.search.candidates import Candidates
 from panoloc.core.search.described_rig import DescribedRig, RigPixels
 from panoloc.core.search.pixel_scores import ComparedColors
 
 _PIXELS_AT_ONCE = 1_000_000
+_FAR_M = 30.0
 
 
 def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, config: SearchConfig) -> Candidates:
@@ -90,7 +90,7 @@ def _views(index: MapIndex, starts: Tensor, height: int) -> tuple[Tensor, Tensor
         depths.append(views.depth.flatten(1))
         colors.append((views.color * 255).round().byte().flatten(0, 2))
         valid.append(views.valid.flatten())
-    depth = torch.cat(depths).clamp(max=FARTHEST_M)
+    depth = torch.cat(depths).clamp(max=_FAR_M)
     if stored:
         return depth, index.views.pictures[starts].flatten(0, 2), index.views.seen[starts].flatten()
     return depth, torch.cat(colors), torch.cat(valid)

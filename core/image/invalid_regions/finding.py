@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.image.invalid_regions.flat_void import LEAST_SHARE, NOISE_LEVELS, cells_of, find_voids
+from panoloc.core.image.invalid_regions.flat_void import NOISE_LEVELS, cells_of, find_voids
 
 Mask = NDArray[np.bool_]
+
+_BLANK_SHARE = 0.995  # of the cells that have the median colour
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ def find_missing(color: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Foun
     cells = cells_of(color, valid)
     if not cells.seen.any():
         return Found(missing, ())
-    if cells.within(np.median(cells.low[cells.seen], axis=0), NOISE_LEVELS)[cells.seen].mean() > 1 - LEAST_SHARE:
+    if cells.within(np.median(cells.low[cells.seen], axis=0), NOISE_LEVELS)[cells.seen].mean() >= _BLANK_SHARE:
         words = (
             f"the {whole} has a single colour and shows no place; check whether the lens was covered or the export "
             "failed"

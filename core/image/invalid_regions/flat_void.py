@@ -18,7 +18,7 @@ _CELL_PX = 4  # half of a block of JPEG
 NOISE_LEVELS = 6  # of a void's pixels from its colour, where JPEG ripples
 _SHADE_LEVELS = 40  # of what may be the shaded rim of something that has the colour
 # Shares chosen between what 130 panoramas with void show, and 800 panoramas and photos without, many of them overexposed or dim.
-LEAST_SHARE = 0.01  # of the image
+_LEAST_SHARE = 0.01  # of the image
 _LEAST_COLORED = 0.05  # of the image, for a colour that things have
 _MOST_SHARE = 0.9  # of the image; more is a picture of something flat
 _LEAST_EXACT = 0.9  # of the inner cells of a void
@@ -62,7 +62,7 @@ def find_voids(color: NDArray[np.uint8], cells: Cells) -> Iterator[tuple[list[in
     black = flat & cells.within(np.zeros(3), NOISE_LEVELS)
     white = flat & cells.within(np.full(3, 255.0), NOISE_LEVELS)
     colored = flat & ~black & ~white
-    for kind, least in ((black, LEAST_SHARE), (white, LEAST_SHARE), (colored, _LEAST_COLORED)):
+    for kind, least in ((black, _LEAST_SHARE), (white, _LEAST_SHARE), (colored, _LEAST_COLORED)):
         target = _commonest(cells.low[kind])
         solid = cells.seen & cells.within(target, NOISE_LEVELS)
         if not kind.any() or not least <= solid.mean() <= _MOST_SHARE:
