@@ -23,13 +23,13 @@ _SET_DEATH_SIGNAL, _SET_NAME = 1, 15
 
 
 class _ForkServer:
-    """Takes requests until the service ends, and watches what it has forked. A process is killed when its lifeline is closed."""
+    """Takes requests until the service ends, and watches what it has forked. A process is killed when its control socket is closed."""
 
     def __init__(self, requests: socket.socket) -> None:
         self._requests = requests
         self._events = selectors.DefaultSelector()
         self._events.register(requests, selectors.EVENT_READ)
-        self._lifelines: dict[int, socket.socket] = {}
+        self._controls: dict[int, socket.socket] = {}
         self._ends: dict[int, int] = {}
 
     def next_child(self) -> str:
@@ -39,11 +39,11 @@ class _ForkServer:
                 if key.fileobj is self._requests:
                     if (what := self._fork()) is not None:
                         return what
-                elif key.data not in self._lifelines:
+                elif key.data not in self._controls:
                     continue  # its other event came first
                 elif key.fileobj == self._ends[key.data]:
                     self._tell_end(key.data)
-                elif _is_closed(self._lifelines[key.data]):
+                elif _is_closed(self._controls[key.data]):
                     self._events.unregister(key.fileobj)
                     os.kill(key.data, signal.SIGKILL)  # it is not reaped yet, so the id is still its own
 
@@ -52,31 +52,31 @@ class _ForkServer:
         if not request:
             sys.exit()  # the service has ended, and all that was forked ends with this process
         what, variables = pickle.loads(request)
-        conversation, lifeline = pipes
+        conversation, control = pipes
         try:
             pid = os.fork()
         except OSError:  # no memory, or too many processes: whoever asked sees that both are closed
             os.close(conversation)
-            os.close(lifeline)
+            os.close(control)
             return None
         if pid == 0:
-            self._become_child(what, variables, conversation, lifeline)
+            self._become_child(what, variables, conversation, control)
             return str(what)
         os.close(conversation)
-        self._lifelines[pid], self._ends[pid] = socket.socket(fileno=lifeline), os.pidfd_open(pid)
-        self._events.register(self._lifelines[pid], selectors.EVENT_READ, pid)
+        self._controls[pid], self._ends[pid] = socket.socket(fileno=control), os.pidfd_open(pid)
+        self._events.register(self._controls[pid], selectors.EVENT_READ, pid)
         self._events.register(self._ends[pid], selectors.EVENT_READ, pid)
         self._tell(pid, pid)
         return None
 
-    def _become_child(self, what: str, variables: dict[str, str], conversation: int, lifeline: int) -> None:
+    def _become_child(self, what: str, variables: dict[str, str], conversation: int, control: int) -> None:
         _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
         _prctl(_SET_NAME, f"panoloc-{what}".encode())
         os.setsid()
         self._events.close()
-        for each in (self._requests, *self._lifelines.values()):
+        for each in (self._requests, *self._controls.values()):
             each.close()
-        for number in (lifeline, *self._ends.values()):
+        for number in (control, *self._ends.values()):
             os.close(number)
         os.environ.update(variables)
         os.dup2(conversation, 0)
@@ -85,21 +85,21 @@ class _ForkServer:
 
     def _tell_end(self, pid: int) -> None:
         self._tell(pid, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
-        lifeline, end = self._lifelines.pop(pid), self._ends.pop(pid)
-        for each in (lifeline, end):
-            with contextlib.suppress(KeyError):  # a lifeline that was closed is not watched any more
+        control, end = self._controls.pop(pid), self._ends.pop(pid)
+        for each in (control, end):
+            with contextlib.suppress(KeyError):  # one that was closed is not watched any more
                 self._events.unregister(each)
-        lifeline.close()
+        control.close()
         os.close(end)
 
     def _tell(self, pid: int, number: int) -> None:
         with contextlib.suppress(OSError):  # nobody may wait for it any more
-            self._lifelines[pid].send(NUMBER.pack(number))
+            self._controls[pid].send(NUMBER.pack(number))
 
 
-def _is_closed(lifeline: socket.socket) -> bool:
+def _is_closed(control: socket.socket) -> bool:
     try:
-        return not lifeline.recv(1)
+        return not control.recv(1)
     except OSError:  # closed before everything was read
         return True
 

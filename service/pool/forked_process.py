@@ -17,7 +17,7 @@ from typing import Any
 from panoloc.service.host.process_resources import SPINNING
 
 NUMBER = struct.Struct("<q")
-"""What a fork server writes to the lifeline of a process: its id, and at its end the exit code, or minus the signal."""
+"""What a fork server writes to the control socket of a process: its id, and at its end the exit code, or minus the signal."""
 
 LONGEST_REQUEST = 1 << 16
 _BUFFER_BYTES = 1 << 20
@@ -42,26 +42,26 @@ class ForkedProcess:
     """A process that a fork server has started; used like one of asyncio. Its pipes are a socket."""
 
     def __init__(
-        self, pid: int, lifeline: socket.socket, stdout: asyncio.StreamReader, stdin: asyncio.StreamWriter
+        self, pid: int, control: socket.socket, stdout: asyncio.StreamReader, stdin: asyncio.StreamWriter
     ) -> None:
         self.pid = pid
         self.stdout = stdout
         self.stdin = stdin
         self.returncode: int | None = None
-        self._lifeline = lifeline
+        self._control = control
 
     def kill(self) -> None:
         """End the process, whatever it is doing."""
         with contextlib.suppress(OSError):  # it has ended
-            self._lifeline.shutdown(socket.SHUT_WR)
+            self._control.shutdown(socket.SHUT_WR)
 
     async def wait(self) -> int:
         """Return the exit code, or minus the signal that ended the process."""
-        end = await _next_number(self._lifeline)
+        end = await _next_number(self._control)
         # A fork server that is killed takes with it what it has forked.
         self.returncode = -signal.SIGKILL if end is None else end
         self.stdin.close()
-        self._lifeline.close()
+        self._control.close()
         return self.returncode
 
 
@@ -83,19 +83,19 @@ class ForkServer:
         async with self._starting:
             if self._server is None or self._server.returncode is not None:
                 await self._start_server()
-        (ours, its), (lifeline, its_lifeline) = socket.socketpair(), socket.socketpair(type=socket.SOCK_SEQPACKET)
+        (ours, its), (control, its_control) = socket.socketpair(), socket.socketpair(type=socket.SOCK_SEQPACKET)
         try:
-            with its, its_lifeline:
+            with its, its_control:
                 assert self._requests is not None
                 request = pickle.dumps((what, dict(variables or {})))
-                socket.send_fds(self._requests, [request], [its.fileno(), its_lifeline.fileno()])
-            lifeline.setblocking(False)
-            if (pid := await _next_number(lifeline)) is None:
+                socket.send_fds(self._requests, [request], [its.fileno(), its_control.fileno()])
+            control.setblocking(False)
+            if (pid := await _next_number(control)) is None:
                 raise OSError("the fork server has ended, or cannot fork")
-            return ForkedProcess(pid, lifeline, *await asyncio.open_unix_connection(sock=ours, limit=_BUFFER_BYTES))
+            return ForkedProcess(pid, control, *await asyncio.open_unix_connection(sock=ours, limit=_BUFFER_BYTES))
         except BaseException:
             ours.close()
-            lifeline.close()  # the server then kills what it has started
+            control.close()  # the server then kills what it has started
             raise
 
     async def stop(self) -> None:
@@ -117,9 +117,9 @@ class ForkServer:
             self._requests = socket.socket(fileno=requests.detach())
 
 
-async def _next_number(lifeline: socket.socket) -> int | None:
+async def _next_number(control: socket.socket) -> int | None:
     """Return what the server writes next; None when it has ended."""
     with contextlib.suppress(OSError):
-        if message := await asyncio.get_running_loop().sock_recv(lifeline, NUMBER.size):
+        if message := await asyncio.get_running_loop().sock_recv(control, NUMBER.size):
             return int(NUMBER.unpack(message)[0])
     return None
