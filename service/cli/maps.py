@@ -245,7 +245,7 @@ def control_points(
         why = words_here(wrong if found else report["no_georeference"])
         session.messages.print(f"The map is as it was: {why}.", markup=False)
         return ExitCode.ERROR
-    return ExitCode.OK
+    return ExitCode.ERROR if report["suspect"] else ExitCode.OK
 
 
 def _text_of(csv: Path) -> str:

@@ -227,6 +227,7 @@ def test_a_place_by_points_of_which_one_is_wrong_is_not_applied(panoloc: Panoloc
     done = panoloc("maps", "control-points", "map_1", "--apply")
     assert (done.code, [method for method, _ in fake.requests]) == (ExitCode.ERROR, ["GET"])
     assert "The map is as it was: P1 is wrong" in done.err
+    assert panoloc("maps", "control-points", "map_1").code == ExitCode.ERROR
     assert "mend or remove P1 first" in " ".join(done.out.split())
 
 
