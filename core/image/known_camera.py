@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from PIL import Image
+from PIL.ImageFile import ImageFile
 
 from panoloc.core.camera.camera import Camera, have_one_shape
 from panoloc.core.errors import PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
@@ -21,6 +22,7 @@ _QUARTER_TURNS = (5, 6, 7, 8)  # orientations; any other number than 1 to 8 says
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _ROUNDED_MM = 0.5  # at most, for the field holds whole millimetres
 _PLAUSIBLE_MM = (4.0, 2000.0)
+_END_OF_JPEG = b"\xff\xd9"  # among the pixels, which follow the header, no other byte follows ff than 00 and d0 to d7
 _UNREADABLE = (OSError, SyntaxError, ValueError, TypeError, EOFError, ZeroDivisionError)
 
 
@@ -36,7 +38,7 @@ class Crop:
     height: int
 
 
-def check_known_cameras(images: Sequence[Image.Image], files: Sequence[bytes]) -> None:
+def check_known_cameras(images: Sequence[ImageFile], files: Sequence[bytes]) -> None:
     """Refuse JPEG files that say nothing of their camera before they wait. Raises as `known_camera` does.
 
     images: opened, without a camera that the caller describes, each of the bytes of a file. Others are left to the reader: whether a PNG
@@ -48,10 +50,11 @@ def check_known_cameras(images: Sequence[Image.Image], files: Sequence[bytes]) -
                 known_camera(image, data)
 
 
-def known_camera(image: Image.Image, data: bytes) -> Camera | Crop | None:
+def known_camera(image: ImageFile, data: bytes) -> Camera | Crop | None:
     """Return the GPano crop of a panorama, or the pinhole camera that the EXIF data of a photo describe; None of a full sphere.
 
-    data: the file. Raises as `crop_fields` and `upright_size` do, and PanoramaShapeError where the file says nothing of its camera.
+    data: the file. Raises as `crop_fields` and `upright_size` do, and PanoramaShapeError where the file says nothing of its camera;
+    PanoramaDamagedError in place of that for a JPEG that ends early, which has lost more than that.
     """
     width, height = upright_size(image)
     crop = crop_fields(image, data)
@@ -61,6 +64,8 @@ def known_camera(image: Image.Image, data: bytes) -> Camera | Crop | None:
     if _PLAUSIBLE_MM[0] <= focal_mm <= _PLAUSIBLE_MM[1]:  # false for NaN; writers put 0 for "unknown"
         focal_px = focal_mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
         return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)
+    if image.format == "JPEG" and image.fp is not None and data.find(_END_OF_JPEG, image.fp.tell()) < 0:
+        raise PanoramaDamagedError("image: the file ends early, before the end of its pixels; upload it again in full")
     raise PanoramaShapeError(
         f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) without "
         "camera data; for a panorama, export the full sphere, or keep the GPano crop fields of a partial one; for a "

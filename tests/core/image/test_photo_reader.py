@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from panoloc.core.camera.camera import CameraDescription
-from panoloc.core.errors import CoreError, OptionsError, PanoramaShapeError, PanoramaUnusableError
+from panoloc.core.errors import CoreError, OptionsError, PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
 from panoloc.core.image.reader import read_image, read_panorama
 from tests.core.image.picture_files import encoded, photo_file, picture
 
@@ -115,6 +115,8 @@ def test_a_large_photo_is_as_good_as_its_small_copy() -> None:
             PanoramaShapeError,
             r"4032 x 3024 px by its EXIF data, got 900 x 600 px.*cx_px and cy_px",
         ),
+        (photo_file(picture(900, 600))[:9000], None, PanoramaDamagedError, "the file ends early"),
+        (photo_file(picture(900, 600)), None, PanoramaShapeError, "2:1"),
         (PHOTO, CameraDescription("pinhole", 1920, 1080, fx_px=1400.0), OptionsError, "1920 x 1080 px"),
         (encoded(picture(20, 8)), PHONE, PanoramaUnusableError, "at least 16 pixels a side, got 20 x 8"),
         (
@@ -125,7 +127,16 @@ def test_a_large_photo_is_as_good_as_its_small_copy() -> None:
         ),
         (PHOTO, CameraDescription("pinhole", hfov_deg=1.5), PanoramaUnusableError, r"at least 0\.1%"),
     ],
-    ids=["nothing known", "cut", "another image", "few pixels", "wild distortion", "next to nothing"],
+    ids=[
+        "nothing known",
+        "cropped",
+        "ends early",
+        "a whole JPEG",
+        "another image",
+        "few pixels",
+        "wild distortion",
+        "next to nothing",
+    ],
 )
 def test_a_photo_that_cannot_be_placed_is_refused_with_what_to_send(
     data: bytes, camera: CameraDescription | None, error: type[CoreError], said: str
