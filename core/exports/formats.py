@@ -60,7 +60,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
     if format_name in FORMATS_ON_EARTH and tour.georeference is None and tour.coordinate_system is None:
         raise ExportRefusedError(
             f"{format_name}: expected a map with a georeference or a coordinate system, because this format holds "
-            f"places on Earth, got a map without one; set one with PATCH /maps/{{id}}, or choose another format"
+            f"places on Earth, got a map with neither; set one of them, or choose another format"
         )
     held = _held(exporter, tour)
     written = set()

@@ -12,7 +12,7 @@ from panoloc.core.errors import ExportRefusedError
 from panoloc.core.options import ExportFormat
 from panoloc.core.scan.format_detection import detect_format
 from panoloc.service.batches.record import BatchRecord, image_key
-from panoloc.service.batches.tour import Photo, maps_of, overview_document, tour_document, why_left_out
+from panoloc.service.batches.tour import Photo, lacks_place, maps_of, overview_document, tour_document, why_left_out
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.host.written_files import written_file
 from panoloc.service.jobs import Result
@@ -58,9 +58,14 @@ async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord 
     """
     with ExitStack() as stack:
         document = await asyncio.to_thread(_tour_document, storage, wanted, place, stack)
-        return await written_file(
-            storage, "panoloc.core.exports", document, wanted.format, suffix=".zip", time_s=time_s
-        )
+        try:
+            return await written_file(
+                storage, "panoloc.core.exports", document, wanted.format, suffix=".zip", time_s=time_s
+            )
+        except ExportRefusedError as error:
+            if place is None or not lacks_place(wanted.format, document):
+                raise
+            raise ExportRefusedError(f"{error}; PATCH /maps/{place.id} sets one") from error
 
 
 async def draw_plan(

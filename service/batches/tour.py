@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.service.jobs import ON_EARTH, Result
 
 WALK_PAGE = Path(__file__).parents[1] / "console" / "built" / "walk"
@@ -38,6 +39,11 @@ def why_left_out(result: Result | None, map_id: str | None, include_ambiguous: b
         return f"ambiguous: several places fit about equally well{guess}; include ambiguous photos to export it"
     is_elsewhere = map_id is not None and answer["map_id"] != map_id
     return f"placed in another map, {answer['map_id']}" if is_elsewhere else None
+
+
+def lacks_place(name: ExportFormat, place: Mapping[str, Any]) -> bool:
+    """Tell whether a format holds places on Earth and a map has none. place: its document, or that of its tour."""
+    return name in FORMATS_ON_EARTH and not (place.get("georeference") or place.get("coordinate_system"))
 
 
 def maps_of(results: Iterable[Result | None]) -> list[str]:

@@ -4,6 +4,7 @@ The photos come from a folder of `panoloc place`, a batch, or the answers of `pa
 """
 
 import json
+import re
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator
@@ -15,11 +16,11 @@ from rich.markup import escape
 
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.core.scan.file_names import distinct_names
-from panoloc.service.batches.tour import Photo
+from panoloc.service.batches.tour import Photo, lacks_place
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing.kept_batch import take_hand_placements
 from panoloc.service.cli.placing.place_folder import PlaceFolder
-from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written
+from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written, how_to_place
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.client import ApiProblemError, ClientError, JsonClient, JsonObject
 from panoloc.service.jobs import Result
@@ -129,11 +130,11 @@ def check_on_earth(formats: list[ExportFormat], maps: Iterable[JsonObject]) -> N
     """
     on_earth = [name for name in formats if name in FORMATS_ON_EARTH]
     known = list(maps) if on_earth else []
-    if known and not any(each.get("georeference") or each.get("coordinate_system") for each in known):
+    if known and all(lacks_place(on_earth[0], each) for each in known):
         raise typer.BadParameter(
             f"{', '.join(on_earth)}: expected a map with a georeference or a coordinate system, because the format "
-            f"holds places on Earth, got a map with neither; set one with `panoloc maps set --coordinate-system` "
-            "or `panoloc maps control-points --apply`, or leave the format out and write it later with `panoloc export`",
+            f"holds places on Earth, got a map with neither; set one with {how_to_place('MAP')}, "
+            "or leave the format out and write it later with `panoloc export`",
             param_hint="--export",
         )
 
@@ -201,7 +202,7 @@ def _fetch_exports(
             except ApiProblemError as problem:
                 if problem.status != _REFUSED:
                     raise
-                written.refusals.append(str(problem))
+                written.refusals.append(re.sub(r"PATCH /maps/(\w+)", lambda map_: how_to_place(map_[1]), str(problem)))
                 continue
             with zipfile.ZipFile(file) as archive:
                 archive.extractall(out / name)

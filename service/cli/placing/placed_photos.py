@@ -17,7 +17,7 @@ from typing import Any
 import typer
 
 from panoloc.core.options import ExportFormat
-from panoloc.service.batches.tour import Photo, maps_of, overview_document, tour_document
+from panoloc.service.batches.tour import Photo, lacks_place, maps_of, overview_document, tour_document
 from panoloc.service.client import JsonClient
 from panoloc.service.jobs import MAX_SAMPLE_POINTS
 
@@ -83,7 +83,8 @@ class PlacedPhotos:
                 except ProcessFailedError as error:
                     with suppress(OSError):  # a refused format leaves an empty folder
                         target.rmdir()
-                    written.refusals.append(str(error))
+                    how = f"; {how_to_place(map_id)} sets one" if lacks_place(name, place) else ""
+                    written.refusals.append(f"{error}{how}")
         return written
 
     def draw_overviews(self, out: Path) -> Written:
@@ -101,6 +102,11 @@ class PlacedPhotos:
             except ProcessFailedError as error:
                 written.refusals.append(f"{', '.join(names)}: cannot be drawn ({error})")
         return written
+
+
+def how_to_place(map_id: str) -> str:
+    """Return the commands that give a map a place on Earth."""
+    return f"`panoloc maps set {map_id} --coordinate-system` or `panoloc maps control-points {map_id} --apply`"
 
 
 class ProcessFailedError(Exception):

@@ -57,7 +57,7 @@ def test_formats_of_places_on_earth_refuse_a_map_without_a_georeference_and_the_
         except ExportRefusedError:
             refused.add(name)
     assert refused == {"arcgis", "stac", "gpano", "geojson"}
-    with pytest.raises(ExportRefusedError, match=r"georeference.*PATCH /maps/\{id\}"):
+    with pytest.raises(ExportRefusedError, match=r"georeference or a coordinate system.*set one of them"):
         list(export("stac", golden_tour(georeference=None)))
 
 

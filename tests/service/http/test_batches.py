@@ -414,6 +414,7 @@ async def test_a_format_of_places_on_earth_needs_a_georeference(running: Running
     reply = await running.client.get(f"/batches/{batch_id}/export", params={"format": "geojson"})
     assert (reply.status_code, reply.json()["type"]) == (422, "/problems/export-refused")
     assert "georeference" in reply.json()["detail"]
+    assert f"PATCH /maps/{map_id}" in reply.json()["detail"]
     place = {"georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3}}
     assert (await running.client.patch(f"/maps/{map_id}", json=place)).status_code == 200
     found = json.loads((await export(running, batch_id, "geojson")).read("photos.geojson"))

@@ -178,6 +178,7 @@ def test_an_export_minds_a_georeference_that_came_after_the_photos_were_placed(
     fake.down = True
     outcome = panoloc("export", out, "--export", "geojson")
     assert (outcome.code, "no service answers" in outcome.err) == (EXIT_ERROR, True)
+    assert "`panoloc maps control-points map_1 --apply` sets one" in outcome.said
     assert not (out / "geojson").exists()
     fake.down = False
     fake.polls = [IN_SEATTLE]
@@ -244,7 +245,7 @@ def test_a_format_of_places_on_earth_is_refused_before_the_first_photo_where_the
         outcome = panoloc(*command, *choice)
         assert outcome.code == EXIT_USAGE
         assert "geojson: expected a map with a georeference" in outcome.said
-        assert "panoloc maps set --coordinate-system" in outcome.said
+        assert "panoloc maps set MAP --coordinate-system" in outcome.said
     assert num_queries(fake) == 0
     fake.polls = [IN_SEATTLE] * 2
     assert panoloc(*command, "--map", "map_1").code == 0
@@ -270,6 +271,9 @@ def test_a_batch_is_fetched_from_the_service(panoloc: Panoloc, fake: FakeService
     for name in ("potree", "tum"):
         query = (tmp_path / name / "query.txt").read_text()
         assert query == f"format={name}&map_id=map_1&include=ambiguous"
+    fake.fail_with = problem(422, "Refused", "set one of them; PATCH /maps/map_1 sets one")
+    outcome = panoloc("export", "batch_1", "--export", "geojson", "--out", tmp_path)
+    assert (outcome.code, "`panoloc maps control-points map_1 --apply` sets one" in outcome.said) == (EXIT_ERROR, True)
     fake.fail_with = problem(404, "There is no such batch", "unknown")
     assert panoloc("export", "batch_1", "--export", "potree", "--out", tmp_path).code == EXIT_ERROR
 
