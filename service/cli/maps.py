@@ -54,6 +54,8 @@ def list_maps(
         for place in places:
             if place["status"] == "failed":
                 session.results.print(_failure(place), markup=False)
+        if lost := [place["id"] for place in places if place["status"] == "failed" and older_revision(place) is None]:
+            session.messages.print(f"Delete what failed with: panoloc maps delete {' '.join(lost)}", markup=False)
     elif tag:
         session.messages.print(f"No map has the tag {tag}.", markup=False)
     else:

@@ -190,9 +190,11 @@ def test_the_state_of_the_newest_revision_is_shown_and_which_older_one_still_ans
     panoloc: Panoloc, fake: FakeService, place: dict[str, object], shown: list[str]
 ) -> None:
     fake.places = [READY_MAP | place]
-    _, row, *below = panoloc("maps").out.splitlines()
+    done = panoloc("maps")
+    _, row, *below = done.out.splitlines()
     assert shown[0] in row
     assert below == shown[1:]
+    assert ("panoloc maps delete map_1" in done.err) == (shown[0] == "failed")
     assert ("revision" in row) == ("revision" in shown[0])
 
 
