@@ -88,7 +88,10 @@ def place(
         maps = client.list_maps(tag) if tag else (client.get_map(each) for each in question.map_ids)
         check_on_earth(formats, maps)
         with PlaceFolder.held(out, question) as folder:
-            take_hand_placements(client, folder)
+            try:
+                take_hand_placements(client, folder)
+            except ApiProblemError as problem:  # such as of a key that may not read batches
+                session.messages.print(f"photos placed by hand since are not taken over: {problem}", markup=False)
             placed, codes = _Placing(session, client, folder).run(parallel)
             _keep(session, client, folder, name or photos.resolve().stem)
             pictures = placed.draw_overviews(out)

@@ -321,6 +321,15 @@ def test_a_batch_that_was_deleted_does_not_end_the_run(place: Panoloc, fake: Fak
     assert place().code == 0
 
 
+def test_a_key_that_may_not_read_batches_places_all_the_same(place: Panoloc, fake: FakeService) -> None:
+    place()
+    refused = problem(403, "The key does not allow this", "expected a key with the scope 'localize'")
+    fake.on_request = lambda request: refused if request.url.path == "/batches/batch_1" else None
+    outcome = place()
+    assert (outcome.code, "already done: 3 of 3 photos" in outcome.err) == (0, True)
+    assert "photos placed by hand since are not taken over: expected a key with the scope 'localize'" in outcome.said
+
+
 def test_a_batch_that_is_refused_does_not_fail_the_run_and_is_made_by_the_next(
     place: Panoloc, fake: FakeService
 ) -> None:
