@@ -45,7 +45,7 @@ class Question:
 
 @dataclass(frozen=True)
 class FolderFiles:
-    """Names of files below their folder, sorted, without hidden ones. unread: photos in formats that are not read."""
+    """Names of files below their folder, sorted. unread: photos in formats that are not read. others: of hidden files the images alone."""
 
     photos: list[str]
     unread: list[str]
@@ -108,7 +108,8 @@ class PlaceFolder:
         """Return the files in the folder of the photos, without those in this folder or another of its kind."""
         found = FolderFiles([], [], [])
         for name in sorted(path.relative_to(self._photos).as_posix() for path in self._walk()):
-            ending = PurePosixPath(name).suffix.lower()
+            # No photo is hidden: a Mac leaves ._a.jpg beside a.jpg.
+            ending = "" if "/." in f"/{name}" else PurePosixPath(name).suffix.lower()
             kind = (
                 found.photos if ending in IMAGE_ENDINGS else found.unread if ending in _UNREAD_ENDINGS else found.others
             )
@@ -180,7 +181,7 @@ class PlaceFolder:
                 folders[:] = []
                 continue
             folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != left_out]
-            yield from (here / name for name in files if not name.startswith("."))
+            yield from (here / name for name in files if name[0] != "." or Path(name).suffix.lower() in IMAGE_ENDINGS)
 
     def _by_batch(self) -> dict[str | None, list[Photo]]:
         """Return the photos with an answer by the id of the batch that has them, None for those without."""

@@ -89,11 +89,12 @@ def test_panoramas_in_heic_are_placed_and_exported_as_jpeg(
 
 def test_photos_of_formats_that_are_not_read_are_told_of(place: Panoloc, tmp_path: Path) -> None:
     folder_of(tmp_path, "a.jpg")
-    folder_of(tmp_path, "b.dng", "c.TIF", "notes.txt", "cameras.json", ".hidden.txt", data=b"{}")
+    folder_of(tmp_path, "b.dng", "c.TIF", "notes.txt", "cameras.json", ".DS_Store", "._a.jpg", data=b"{}")
     outcome = place()
     assert outcome.code == 0
     assert "left out: b.dng and 1 more cannot be read" in outcome.said
-    assert "left out: notes.txt (not a photo, by its name)" in outcome.said
+    assert "left out: ._a.jpg and 1 more (not a photo, by its name)" in outcome.said
+    assert "1 photo: 1 localized" in outcome.out
 
 
 def test_a_folder_that_cannot_be_written_is_told_of(place: Panoloc, fake: FakeService, tmp_path: Path) -> None:
