@@ -131,8 +131,6 @@ class FakeService:
         return httpx.Response(200, content=out.getvalue())
 
     def _get_batch(self, request: httpx.Request) -> httpx.Response:
-        if request.url.path == "/batches":
-            return httpx.Response(200, json={"items": [], "next_cursor": None})
         number = int(request.url.params.get("cursor", 0))
         following = str(number + 1) if number + 1 < len(self.batch_items) else None
         return httpx.Response(200, json={"items": self.batch_items[number], "next_cursor": following})

@@ -314,37 +314,6 @@ def test_a_photo_placed_by_hand_in_the_console_is_placed_in_the_folder_too_until
     assert (len(fake.batches), num_queries(fake)) == (1, 3)
 
 
-@pytest.mark.parametrize("changed", [None, "name", "map_ids", "image", "camera", "hand"])
-def test_a_run_into_another_folder_takes_the_batch_of_the_former_one_where_nothing_has_changed(
-    place: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, changed: str | None
-) -> None:
-    fake.status, names = "not_localized", ("hall.jpg", "rooms/a.jpg", "rooms/b.png")
-    place()
-    name, map_id = "porch" if changed == "name" else "photos", "map_2" if changed == "map_ids" else "map_1"
-    batch = {"id": "batch_1", "name": name, "map_ids": [map_id], "tag": None, "num_images": 3}
-    answer = answer_with("localized" if changed == "hand" else "not_localized")
-    if changed == "camera":
-        answer["images"][0]["camera"]["hfov_deg"] = 69.0
-
-    def answered(request: httpx.Request) -> httpx.Response | None:
-        if request.url.path == "/batches" and request.method == "GET":
-            return httpx.Response(200, json={"items": [batch], "next_cursor": None})
-        if "/images/" not in request.url.path:
-            return None
-        name = names[int(request.url.path[-1])]
-        return httpx.Response(200, content=(photos / name).read_bytes() + b"!" * (changed == "image"))
-
-    fake.on_request = answered
-    fake.batch_items = [[{"number": each, "name": name, "answer": answer} for each, name in enumerate(names)]]
-    outcome = place("--out", tmp_path / "again")
-    assert len(fake.batches) == 1 + (changed is not None)
-    assert f"kept as batch batch_{len(fake.batches)}, 'photos' in the console" in outcome.err
-    # It is that of this folder from now on.
-    requested = len(fake.requests)
-    place("--out", tmp_path / "again")
-    assert f"/batches/batch_{len(fake.batches)}?limit=200" in [path for _, path in fake.requests[requested:]]
-
-
 def test_a_batch_that_was_deleted_does_not_end_the_run(place: Panoloc, fake: FakeService) -> None:
     place()
     gone = problem(404, "There is no such batch", "send the images again")
