@@ -13,7 +13,6 @@ from panoloc.core.scan.from_above import Area, draw_from_above
 from panoloc.core.scan.point_cloud import PointCloud
 
 COLORS = {"came": (24, 128, 56), "went": (200, 40, 36), "moved": (26, 86, 196)}
-WORDS = {"came": "new", "went": "gone", "moved": "moved"}
 _UNSURE = (110, 110, 110)
 _PLAN_PX = 1400
 
@@ -102,7 +101,7 @@ def draw_plan(cloud: PointCloud, objects: Sequence[dict[str, Any]]) -> bytes:
 def count_words(objects: Sequence[dict[str, Any]]) -> str:
     """Return how many objects changed for sure, and how many perhaps."""
     sure = [each["kind"] for each in objects if each["is_sure"]]
-    counts = [f"{sure.count(kind)} {word}" for kind, word in WORDS.items() if kind in sure]
+    counts = [f"{sure.count(kind)} {kind}" for kind in COLORS if kind in sure]
     unsure = len(objects) - len(sure)
     return (", ".join(counts) or "Nothing changed for sure") + (
         f"; {unsure} unsure: look at their pictures" if unsure else ""
@@ -111,7 +110,8 @@ def count_words(objects: Sequence[dict[str, Any]]) -> str:
 
 def kind_words(each: dict[str, Any]) -> str:
     """Return what happened to an object."""
-    return WORDS[each["kind"]] if each["is_sure"] else f"{WORDS[each['kind']]}?"
+    kind: str = each["kind"]
+    return kind if each["is_sure"] else f"{kind}?"
 
 
 def color_of(each: dict[str, Any]) -> tuple[int, int, int]:

@@ -82,8 +82,8 @@ def report(folder: Path, wanted: str, system: str | None = "EPSG:25832", num_pho
 def test_the_page_stands_alone_and_escapes_names(tmp_path: Path) -> None:
     page = report(tmp_path, "html").decode()
     assert "Büro &lt;3&gt; 東" in page
-    assert "1 new, 1 gone, 1 moved; 1 unsure" in page
-    assert page.count(">new?<") == 2  # in the list, and beside its picture
+    assert "1 came, 1 went, 1 moved; 1 unsure" in page
+    assert page.count(">came?<") == 2  # in the list, and beside its picture
     assert page.count("data:image/jpeg") == len(OBJECTS)
     assert "http" not in page
     assert "<script" not in page
