@@ -43,7 +43,11 @@ _PANORAMA_MAY_BE_WRONG = Remark(
 _CAMERA_MAY_BE_WRONG = Remark(
     "check_camera",
     "no pose fits the photo well enough; if it shows this place, much of what it shows has changed, or its field of view is not as given "
-    "(a crop, a zoom): let it be searched with hfov_range_deg",
+    "(a crop, a zoom): let it be searched with hfov_range_deg (--hfov 45-90)",
+)
+_FOCAL_LENGTH_IS_UNKNOWN = Remark(
+    "accuracy_too_low",
+    "the field of view is not known well enough to say where the photo was taken; give it as hfov_deg (--hfov 69), or the intrinsics",
 )
 _NOISE_IS_TOO_LARGE = Remark(
     "accuracy_too_low",
@@ -191,7 +195,8 @@ class Localizer:
         if cameras.warnings and found.status != "not_localized":
             found = replace(found, warnings=(*found.warnings, *cameras.warnings))
         if found.status == "not_localized" and noise.share_right < self._confidence.threshold:
-            found = replace(found, warnings=(*found.warnings, _NOISE_IS_TOO_LARGE))
+            unknown = _FOCAL_LENGTH_IS_UNKNOWN if len(cameras.rig.photos) == 1 else _NOISE_IS_TOO_LARGE
+            found = replace(found, warnings=(*found.warnings, unknown))
         return found
 
     def _for_rig(self, found: Localization, rig: Rig, comparison: Comparison | None) -> Localization:

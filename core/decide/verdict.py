@@ -97,7 +97,9 @@ class Doubts:
         them fits best is chance. edges_deg: how long all edges are together; None: nobody knows."""
         if found.status == "not_localized" or edges_deg is None or edges_deg >= self._config.least_edges_deg:
             return found
-        words = "the image shows next to no edges, as a plain wall does; take one that shows more of the place"
+        words = (
+            "the image shows next to no edges, as a plain wall does; only one that shows more of the place can be found"
+        )
         confidence = 0.0 if found.best is None else found.best.confidence
         return self._refused(found, confidence, Remark("turn_more", words))
 
@@ -106,7 +108,7 @@ class Doubts:
         within: it may lie beyond."""
         if bound_deg is None:
             return found
-        at_bound = f"when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg"
+        at_bound = f"when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg (--hfov)"
         if found.status == "not_localized":
             lost = f"nothing fits well enough; what fits best does so {at_bound}: widen the range if the photo may lie beyond"
             return replace(found, warnings=(*found.warnings, Remark("widen_hfov_range", lost)))

@@ -4,7 +4,7 @@ Three points leave up to four poses. Many positions around the points are refine
 directions, each position with the rotation that fits it best), and all distinct minima are kept.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,9 @@ _MOST_RADIUS_M = 0.5
 _SAME_M = 0.05
 _PLAUSIBLE = 3.0  # times the misfit of the best pose, and one click
 _MISFIT_DEG = 2.0
+_WRONG_PX = 3 * CLICK_PX  # of the largest residual, from which on a pair may be wrong rather than clicked badly
+_WRONG_TIMES = 9.0  # squares that leaving out any other pair leaves, to those without the wrong one
+_MOST_TRIED = 8  # of the pairs with the largest residuals
 _TILT_DEG = 25.0
 _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
 
@@ -46,7 +49,8 @@ _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
 class Resection:
     """A pose that explains the points. residuals_px: (n,), of each point. radius_m, radius_deg: in which it is with 68 %.
 
-    tilt_deg: of the camera's left side against the horizon; of a full sphere, of its up axis.
+    tilt_deg: of the camera's left side against the horizon; of a full sphere, of its up axis. suspect: number of the pair that contradicts
+    the others, None where none does or where it cannot be told.
     """
 
     pose: Pose
@@ -54,6 +58,7 @@ class Resection:
     radius_m: float
     radius_deg: float
     tilt_deg: float
+    suspect: int | None = None
 
 
 def resect(camera: Camera, pixels: Array, points: Array) -> list[Resection]:
@@ -65,10 +70,12 @@ def resect(camera: Camera, pixels: Array, points: Array) -> list[Resection]:
     poses = _minima(directions, points)
     found = sorted((_resection(camera, pose, pixels, points) for pose in poses), key=lambda each: _rms(each))
     best = found[0]
-    if _misfit_deg(best.pose, directions, points) > _MISFIT_DEG:
+    suspect = _suspect(best, directions, points)
+    is_loose = suspect is not None and best.radius_m > _MOST_RADIUS_M  # because of the wrong pair
+    if is_loose or _misfit_deg(best.pose, directions, points) > _MISFIT_DEG:
+        which = "check which point of the scan each of them shows" if suspect is None else suspect_words(suspect)
         raise OptionsError(
-            f"pairs: expected points that one place explains, got some that contradict each other by {_rms(best):.0f} px; "
-            f"{_suspect(directions, points)}"
+            f"pairs: expected points that one place explains, got some that contradict each other by {_rms(best):.0f} px; {which}"
         )
     most = _PLAUSIBLE * _rms(best) + CLICK_PX
     found = sorted((each for each in found if _rms(each) <= most), key=lambda each: each.tilt_deg)
@@ -77,7 +84,13 @@ def resect(camera: Camera, pixels: Array, points: Array) -> list[Resection]:
             f"pairs: expected points that fix the camera to half a metre, got some that leave {found[0].radius_m:.1f} m open; "
             "click points farther apart, near ones too, and not all in one line or on one circle with the camera"
         )
-    return [found[0], *(each for each in found[1:] if each.tilt_deg < _TILT_DEG)]
+    found = [found[0], *(each for each in found[1:] if each.tilt_deg < _TILT_DEG)]
+    return [replace(each, suspect=suspect) for each in found]
+
+
+def suspect_words(number: int) -> str:
+    """Return what to do about a pair, counted from 0, that contradicts the others."""
+    return f"pair {number + 1} does not fit the others: click it again in photo and scan, or remove it"
 
 
 def residuals_px(camera: Camera, pose: Pose, pixels: Array, points: Array) -> Array:
@@ -196,19 +209,26 @@ def _unit(vectors: Array) -> Array:
 
 
 def _misfit_deg(pose: Pose, directions: Array, points: Array) -> float:
-    cost = _costs(pose.rotation[None], pose.position[None], directions, points)[0]
-    return float(np.degrees(np.sqrt(cost / len(points))))
+    return float(np.degrees(np.sqrt(_cost(pose, directions, points) / len(points))))
 
 
-def _suspect(directions: Array, points: Array) -> str:
-    """Return what to check of points that contradict each other: the one without which the others agree best."""
-    if len(points) <= LEAST_PAIRS + 1:
-        return "check which point of the scan each of them shows"
-    misfits = []
-    for number in range(len(points)):
+def _cost(pose: Pose, directions: Array, points: Array) -> float:
+    return float(_costs(pose.rotation[None], pose.position[None], directions, points)[0])
+
+
+def _suspect(best: Resection, directions: Array, points: Array) -> int | None:
+    """Return the number of the pair without which the others agree far better than without any other; None where there is none.
+
+    Four pairs cannot tell: the three that are left always agree.
+    """
+    if len(points) <= LEAST_PAIRS + 1 or best.residuals_px.max() < _WRONG_PX:
+        return None
+    left = {}
+    for number in np.argsort(best.residuals_px)[-_MOST_TRIED:].tolist():
         others = np.delete(directions, number, axis=0), np.delete(points, number, axis=0)
-        misfits.append(_misfit_deg(_minima(*others)[0], *others))
-    return f"pair {int(np.argmin(misfits)) + 1} fits worst: check which point of the scan it shows, or remove it"
+        left[number] = _cost(_minima(*others)[0], *others)
+    suspect, second = sorted(left, key=lambda number: left[number])[:2]
+    return suspect if left[second] > _WRONG_TIMES * left[suspect] else None
 
 
 def _resection(camera: Camera, pose: Pose, pixels: Array, points: Array) -> Resection:

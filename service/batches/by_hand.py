@@ -30,6 +30,7 @@ from panoloc.service.batches.hand_evidence import (
     LEVEL,
     UNMEASURED,
     Evidence,
+    by_reason,
     checked,
     contradictions,
     of_engine,
@@ -211,7 +212,7 @@ class _Photo:
             agreement=placed.evidence.agreement,
             camera=found or ImageCamera(model=camera.model, hfov_deg=round(camera.hfov_deg, 3)),
         )
-        warnings = [BY_HAND, *placed.evidence.warnings]
+        warnings = by_reason([BY_HAND, *placed.evidence.warnings])
         return Localization(
             id=engines.id if engines else new_id("loc"),
             status="localized",

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from panoloc.core.geometry.pose import PoseError
-from panoloc.core.remarks import Remark
-from panoloc.core.survey.resection import LEAST_PAIRS, Resection
+from panoloc.core.remarks import Reason, Remark
+from panoloc.core.survey.resection import LEAST_PAIRS, Resection, suspect_words
 from panoloc.service.answer import Accuracy, Localization
 
 LEVEL = 0.68
@@ -42,7 +42,8 @@ UNMEASURED = Evidence(None, 0.0, None, [_UNMEASURED])
 
 def of_pairs(solved: Sequence[Resection], num_pairs: int) -> Evidence:
     """Return what pairs say for the first of the poses that they leave."""
-    first, words = solved[0], []
+    first = solved[0]
+    words = [] if first.suspect is None else [suspect_words(first.suspect)]
     if len(solved) > 1:
         span_m = max(float(np.linalg.norm(each.pose.position - first.pose.position)) for each in solved)
         words.append(
@@ -103,6 +104,14 @@ def contradictions(given_px: Sequence[float] | None, refined_px: Sequence[float]
         return []
     words = f"the refined pose is {after:.0f} px off the clicked points, the solved one {before:.0f} px"
     return [Remark("placed_by_hand", f"{words}; if the points are right, confirm the solved pose")]
+
+
+def by_reason(remarks: Sequence[Remark]) -> list[Remark]:
+    """Return remarks with those of the same reason made one, as programs take them."""
+    words: dict[Reason, list[str]] = {}
+    for each in remarks:
+        words.setdefault(each.reason, []).append(each)
+    return [Remark(reason, "; ".join(texts)) for reason, texts in words.items()]
 
 
 def _share_within(limit: float, radius_68: float) -> float:

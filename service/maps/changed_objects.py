@@ -73,8 +73,8 @@ class ChangedObjects:
         self._found.clear()
 
     async def report(self, ref: MapRef, found: FoundObjects, about: Document, wanted: ReportFormat) -> bytes:
-        """Return a report of what was found. about: title, num_photos, period, made_at, coordinate_system, georeference and
-        geoid_undulation_m. Raises ExportFailedError and StorageError."""
+        """Return a report of what was found, its objects with their places on Earth (`ChangeReport`). about: title, num_photos,
+        period and made_at. Raises ExportFailedError and StorageError."""
         with ExitStack() as stack:
             points = await asyncio.to_thread(self._copy, key_of(ref, "points.ply"), stack)
             folder = await asyncio.to_thread(self._storage.spool_folder)

@@ -45,12 +45,11 @@ def _markup(number: int, each: dict[str, Any], topic: str, view: str, has_pictur
         _add(about, "Labels", "unsure")
     _add(about, "CreationDate", each["last_seen_at"])
     _add(about, "CreationAuthor", _AUTHOR)
-    before = "" if each["from_m"] is None else f", from {place_words(each['from_m'])}"
     seen = f"certainty {each['certainty']:.0%}, seen by {each['num_photos']} photos"
     _add(
         about,
         "Description",
-        f"At {place_words(each['center_m'])}{before} (metres); {seen}. Snapshot: photo left, scan right.",
+        f"At {place_words(each, '; ')} (metres); {seen}. Snapshot: photo left, scan right.",
     )
     shown = Xml.SubElement(root, "Viewpoints", Guid=view)
     _add(shown, "Viewpoint", "viewpoint.bcfv")

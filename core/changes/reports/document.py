@@ -43,12 +43,10 @@ class _Pages(FPDF):
 def _first_page(pdf: FPDF, report: ChangeReport) -> None:
     pdf.set_font("helvetica", "B", 18)
     pdf.multi_cell(0, 9, _latin(f"Changes in {report.title}"), new_x="LMARGIN", new_y="NEXT")
-    system = "" if report.coordinate_system is None else f" ({report.coordinate_system[:60]})"
     pdf.set_font("helvetica", size=10)
     pdf.multi_cell(0, 5.5, _latin(report.summary), new_x="LMARGIN", new_y="NEXT")
     pdf.set_text_color(110)
-    note = f"Made {report.made_at}. Positions are metres in the map's own frame{system}."
-    pdf.multi_cell(0, 5.5, _latin(note), new_x="LMARGIN", new_y="NEXT")
+    pdf.multi_cell(0, 5.5, _latin(f"Made {report.made_at}. {report.frame}"), new_x="LMARGIN", new_y="NEXT")
     pdf.set_text_color(0)
     pdf.ln(3)
     with Image.open(io.BytesIO(report.plan)) as plan:
@@ -72,10 +70,10 @@ def _first_page(pdf: FPDF, report: ChangeReport) -> None:
         table.row(("#", "Change", "Place x, y, z (m)", "Size", "Floor", "Certainty", "Photos"))
         for number, each in enumerate(report.objects, 1):
             floor = "" if each["floor"] is None else str(each["floor"])
-            before = "" if each["from_m"] is None else f"\nfrom {place_words(each['from_m'])}"
-            place = place_words(each["center_m"]) + before
             seen = f"{each['certainty']:.0%}", str(each["num_photos"])
-            table.row((str(number), kind_words(each), place, size_words(each["size_m"]), floor, *seen))
+            table.row(
+                (str(number), kind_words(each), place_words(each, "\n"), size_words(each["size_m"]), floor, *seen)
+            )
 
 
 def _one(pdf: FPDF, number: int, each: dict[str, Any], picture: bytes) -> None:
@@ -91,8 +89,8 @@ def _one(pdf: FPDF, number: int, each: dict[str, Any], picture: bytes) -> None:
     pdf.set_font("helvetica", size=9)
     pdf.image(io.BytesIO(picture), w=_PICTURE_MM, alt_text=f"Photo and scan of change {number}")
     below = " New place above, old place below." if each["kind"] == "moved" else ""
-    words = f"Photo left, scan right.{below} At {place_words(each['center_m'])}. Certainty {each['certainty']:.0%}."
-    pdf.cell(0, 6, _latin(words), new_x="LMARGIN", new_y="NEXT")
+    words = f"Photo left, scan right.{below} At {place_words(each, '; ')}. Certainty {each['certainty']:.0%}."
+    pdf.multi_cell(0, 6, _latin(words), new_x="LMARGIN", new_y="NEXT")
 
 
 def _latin(text: str) -> str:

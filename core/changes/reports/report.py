@@ -13,7 +13,6 @@ from panoloc.core.scan.from_above import Area, draw_from_above
 from panoloc.core.scan.point_cloud import PointCloud
 
 COLORS = {"came": (24, 128, 56), "went": (200, 40, 36), "moved": (26, 86, 196)}
-WORDS = {"came": "new", "went": "gone", "moved": "moved"}
 _UNSURE = (110, 110, 110)
 _PLAN_PX = 1400
 
@@ -23,9 +22,9 @@ class ChangeReport:
     """One report.
 
     title: the name of the map. num_photos: that were compared.
-    period: theirs, in words. made_at: ISO 8601. objects: as in the HTTP contract, the surest first. pictures: JPEGs by
-    id of an object. plan: PNG. coordinate_system: of the positions, georeference and
-    geoid_undulation_m: of the map; None where they are unknown.
+    period: theirs, in words. made_at: ISO 8601. objects: as in the HTTP contract, the surest first; with `grid` and
+    `from_grid`, on the grid of the map, and `wgs84`, each as in `GET /maps/{id}/coordinates` or None. pictures: JPEGs by
+    id of an object. plan: PNG.
     """
 
     title: str
@@ -35,14 +34,17 @@ class ChangeReport:
     objects: Sequence[dict[str, Any]]
     pictures: dict[str, bytes]
     plan: bytes
-    coordinate_system: str | None
-    georeference: dict[str, Any] | None
-    geoid_undulation_m: float | None
 
     @property
     def summary(self) -> str:
         """Return what was found in which photos."""
         return f"{count_words(self.objects)}. {self.period}" if self.num_photos else self.period
+
+    @property
+    def frame(self) -> str:
+        """Return what positions are in."""
+        grid = next((each["grid"]["name"][:60] for each in self.objects if each["grid"]), None)
+        return "Positions are metres in the map's own frame." + (f" Its grid is {grid}." if grid else "")
 
     @property
     def nothing(self) -> str:
@@ -51,8 +53,7 @@ class ChangeReport:
 
 
 def read_report(document: dict[str, Any], cloud: PointCloud) -> ChangeReport:
-    """Return the report of a document: title, num_photos, period, made_at, found (a zip of `panoloc.core.changes`), objects, and the
-    map's place."""
+    """Return the report of a document: title, num_photos, period, made_at, found (a zip of `panoloc.core.changes`) and objects."""
     with zipfile.ZipFile(document["found"]) as archive:
         pictures = {
             name.removesuffix(".jpg"): archive.read(name) for name in archive.namelist() if name.endswith(".jpg")
@@ -67,9 +68,6 @@ def read_report(document: dict[str, Any], cloud: PointCloud) -> ChangeReport:
         objects,
         shown,
         draw_plan(cloud, objects),
-        document["coordinate_system"],
-        document["georeference"],
-        document["geoid_undulation_m"],
     )
 
 
@@ -102,7 +100,7 @@ def draw_plan(cloud: PointCloud, objects: Sequence[dict[str, Any]]) -> bytes:
 def count_words(objects: Sequence[dict[str, Any]]) -> str:
     """Return how many objects changed for sure, and how many perhaps."""
     sure = [each["kind"] for each in objects if each["is_sure"]]
-    counts = [f"{sure.count(kind)} {word}" for kind, word in WORDS.items() if kind in sure]
+    counts = [f"{sure.count(kind)} {kind}" for kind in COLORS if kind in sure]
     unsure = len(objects) - len(sure)
     return (", ".join(counts) or "Nothing changed for sure") + (
         f"; {unsure} unsure: look at their pictures" if unsure else ""
@@ -111,7 +109,8 @@ def count_words(objects: Sequence[dict[str, Any]]) -> str:
 
 def kind_words(each: dict[str, Any]) -> str:
     """Return what happened to an object."""
-    return WORDS[each["kind"]] if each["is_sure"] else f"{WORDS[each['kind']]}?"
+    kind: str = each["kind"]
+    return kind if each["is_sure"] else f"{kind}?"
 
 
 def color_of(each: dict[str, Any]) -> tuple[int, int, int]:
@@ -119,9 +118,20 @@ def color_of(each: dict[str, Any]) -> tuple[int, int, int]:
     return COLORS[each["kind"]] if each["is_sure"] else _UNSURE
 
 
-def place_words(position_m: Sequence[float]) -> str:
-    """Return a position in words."""
-    return ", ".join(f"{value:.2f}" for value in position_m)
+def place_words(each: dict[str, Any], between: str) -> str:
+    """Return where an object is, and where it was before it moved. between: lines."""
+    here = _position_words(each["center_m"], each["grid"])
+    before = () if each["from_m"] is None else _position_words(each["from_m"], each["from_grid"])
+    return between.join((*here, *(f"from {line}" for line in before)))
+
+
+def _position_words(position_m: Sequence[float], grid: dict[str, Any] | None) -> list[str]:
+    """Return a position in the map's own frame, and below it on the grid, unless the frame is the grid."""
+    words = [", ".join(f"{value:.2f}" for value in position_m)]
+    if grid is not None and [grid["east"], grid["north"], grid["height_m"]] != position_m:
+        height = "" if grid["height_m"] is None else f", H {grid['height_m']:.2f} m"
+        words.append(f"E {grid['east']:.2f}, N {grid['north']:.2f} {grid['unit']}{height}")
+    return words
 
 
 def size_words(size_m: Sequence[float]) -> str:

@@ -32,7 +32,7 @@ def as_html(report: ChangeReport) -> bytes:
 <title>Changes in {title}</title><style>{_STYLE}</style>
 <h1>Changes in {title}</h1>
 <p>{escape(report.summary)}</p>
-<p class="soft">Made {escape(report.made_at)}. Positions are metres in the map's own frame{_system(report)}.</p>
+<p class="soft">Made {escape(report.made_at)}. {escape(report.frame)}</p>
 <img alt="Plan of {title} with the numbered changes" src="data:image/png;base64,{_base64(report.plan)}">
 <h2>List</h2>
 {table}
@@ -43,11 +43,10 @@ def as_html(report: ChangeReport) -> bytes:
 
 
 def _row(number: int, each: dict[str, Any]) -> str:
-    before = "" if each["from_m"] is None else f"<br>from {place_words(each['from_m'])}"
     floor = "" if each["floor"] is None else str(each["floor"])
     return (
         f'<tr><td class="n"><a href="#o{number}">{number}</a></td><td>{_kind(each)}</td>'
-        f'<td class="n">{place_words(each["center_m"])}{before}</td><td class="n">{size_words(each["size_m"])}</td>'
+        f'<td class="n">{place_words(each, "<br>")}</td><td class="n">{size_words(each["size_m"])}</td>'
         f'<td class="n">{floor}</td><td class="n">{each["certainty"]:.0%}</td><td class="n">{each["num_photos"]}</td></tr>'
     )
 
@@ -67,10 +66,6 @@ def _section(report: ChangeReport, number: int, each: dict[str, Any]) -> str:
 def _kind(each: dict[str, Any]) -> str:
     red, green, blue = color_of(each)
     return f'<span class="kind" style="background: rgb({red} {green} {blue})">{kind_words(each)}</span>'
-
-
-def _system(report: ChangeReport) -> str:
-    return "" if report.coordinate_system is None else f" ({escape(report.coordinate_system[:60])})"
 
 
 def _base64(data: bytes) -> str:

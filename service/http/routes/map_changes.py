@@ -1,6 +1,8 @@
 """What changed in a map since its scan: objects, their pictures, reports of them, and cells."""
 
-from dataclasses import dataclass
+import asyncio
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
@@ -8,14 +10,17 @@ from fastapi import Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.options import ReportFormat
+from panoloc.service.answer import Document
 from panoloc.service.errors import ObjectNotFoundError
 from panoloc.service.http.access import caller_of, maps_seen, require, while_there
 from panoloc.service.http.openapi import file_response, json_response
 from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.changes import MapChanges
+from panoloc.service.http.schemas.coordinates import coordinates_of
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.changed_objects import FoundObjects
+from panoloc.service.maps.control import ControlPoints
 from panoloc.service.maps.period import Period
 from panoloc.service.maps.record import MapRecord, place_on_earth
 from panoloc.service.maps.selection import serving_ref
@@ -115,8 +120,11 @@ async def get_report(
 ) -> Response:
     """Return plan, list and pictures of what changed. Where the map's place on Earth is unknown, GeoJSON is in metres and says so."""
     seen = await _Seen.by(request, map_id, period)
+    control = await seen.services.control.read(map_id)
+    objects = await asyncio.to_thread(_on_earth, seen.found.objects, place_on_earth(seen.record), control)
+    found = replace(seen.found, objects=objects)
     async with while_there(request, map_id):
-        data = await seen.services.changed_objects.report(seen.ref, seen.found, seen.about(period), format)
+        data = await seen.services.changed_objects.report(seen.ref, found, seen.about(period), format)
     name = f"{map_id}-changes.{_ENDINGS.get(format, format)}"
     how = "inline" if format in ("html", "pdf") else "attachment"
     headers = {"Content-Disposition": f'{how}; filename="{name}"', "X-Content-Type-Options": "nosniff"}
@@ -160,8 +168,17 @@ class _Seen:
             "num_photos": self.num_photos,
             "period": found,
             "made_at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-            **place_on_earth(self.record),
         }
+
+
+def _on_earth(objects: Sequence[Document], place: Mapping[str, Any], control: ControlPoints) -> list[Document]:
+    """Return objects with `grid`, `from_grid` and `wgs84`, as reports take them."""
+    placed = []
+    for each in objects:
+        now = coordinates_of(place, control, tuple(each["center_m"]))
+        before = coordinates_of(place, control, tuple(each["from_m"])) if each["from_m"] else now | {"grid": None}
+        placed.append({**each, "grid": now["grid"], "from_grid": before["grid"], "wgs84": now["wgs84"]})
+    return placed
 
 
 def _stats(record: MapRecord) -> dict[str, Any]:

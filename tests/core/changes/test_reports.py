@@ -13,6 +13,8 @@ import pytest
 from PIL import Image
 
 from panoloc.core.changes.reports.__main__ import main
+from panoloc.core.changes.reports.report import ChangeReport
+from panoloc.core.changes.reports.web_page import as_html
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud
 
@@ -20,9 +22,17 @@ GRID = np.array([691_600.0, 5_334_800.0, 500.0])
 """In EPSG:25832, in Munich."""
 
 
+WGS84 = {"latitude_deg": 48.139, "longitude_deg": 11.585, "height_m": 545.5, "height_reference": "ellipsoid"}
+
+
 def beside(x: float, y: float, z: float) -> list[float]:
     """Return a place near the corner of the room."""
     return list((GRID + np.array([x, y, z])).tolist())
+
+
+def grid(position_m: list[float]) -> dict[str, Any]:
+    east, north, height_m = position_m
+    return {"name": "ETRS89 / UTM zone 32N", "unit": "m", "east": east, "north": north, "height_m": height_m}
 
 
 def changed(number: int, kind: str, **others: Any) -> dict[str, Any]:
@@ -39,6 +49,9 @@ def changed(number: int, kind: str, **others: Any) -> dict[str, Any]:
         "num_photos": 2,
         "first_seen_at": "2026-11-21T12:00:00Z",
         "last_seen_at": "2026-11-21T12:00:00Z",
+        "grid": grid(beside(number, 1.0, 0.5)),
+        "from_grid": None,
+        "wgs84": WGS84,
         **others,
     }
 
@@ -46,13 +59,13 @@ def changed(number: int, kind: str, **others: Any) -> dict[str, Any]:
 OBJECTS = [
     changed(1, "came"),
     changed(2, "went"),
-    changed(3, "moved", from_m=beside(0.5, 2.0, 0.5)),
+    changed(3, "moved", from_m=beside(0.5, 2.0, 0.5), from_grid=grid(beside(0.5, 2.0, 0.5))),
     changed(4, "came", certainty=0.4, is_sure=False),
 ]
 
 
-def report(folder: Path, wanted: str, system: str | None = "EPSG:25832", num_photos: int = 3) -> bytes:
-    """Return a report of four changes, of which one is unsure, in a room of 4 m; without photos of none."""
+def report(folder: Path, wanted: str, num_photos: int = 3, **others: Any) -> bytes:
+    """Return a report of four changes, of which one is unsure, in a room of 4 m; without photos of none. others: of each change."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0, 4, (4000, 3)).astype(np.float32) * (1, 1, 0.6)
     cloud = PointCloud(points.astype(np.float32), rng.integers(0, 255, (4000, 3), dtype=np.uint8), origin_offset=GRID)
@@ -68,13 +81,12 @@ def report(folder: Path, wanted: str, system: str | None = "EPSG:25832", num_pho
         "period": "Found in 3 photos.",
         "made_at": "2026-11-22T08:00:00Z",
     }
-    place = {"coordinate_system": system, "georeference": None, "geoid_undulation_m": 45.0}
     sources = {
         "points": str(folder / "points.ply"),
         "found": str(folder / "found.zip"),
-        "objects": OBJECTS if num_photos else [],
+        "objects": [each | others for each in OBJECTS] if num_photos else [],
     }
-    (folder / "document.json").write_text(json.dumps({**about, **place, **sources}))
+    (folder / "document.json").write_text(json.dumps({**about, **sources}))
     assert main([str(folder / "document.json"), wanted, str(folder / "out")]) == 0
     return (folder / "out").read_bytes()
 
@@ -82,8 +94,8 @@ def report(folder: Path, wanted: str, system: str | None = "EPSG:25832", num_pho
 def test_the_page_stands_alone_and_escapes_names(tmp_path: Path) -> None:
     page = report(tmp_path, "html").decode()
     assert "Büro &lt;3&gt; 東" in page
-    assert "1 new, 1 gone, 1 moved; 1 unsure" in page
-    assert page.count(">new?<") == 2  # in the list, and beside its picture
+    assert "1 came, 1 went, 1 moved; 1 unsure" in page
+    assert page.count(">came?<") == 2  # in the list, and beside its picture
     assert page.count("data:image/jpeg") == len(OBJECTS)
     assert "http" not in page
     assert "<script" not in page
@@ -110,13 +122,25 @@ def test_a_spreadsheet_has_one_line_per_object_in_metres(tmp_path: Path) -> None
     assert float(rows[0]["x_m"]) == pytest.approx(691_601.0)
     assert rows[0]["from_x_m"] == ""
     assert float(rows[2]["from_x_m"]) == pytest.approx(691_600.5)
+    assert (rows[0]["grid"], rows[0]["grid_unit"], rows[0]["from_grid_east"]) == ("ETRS89 / UTM zone 32N", "m", "")
+    assert float(rows[0]["grid_north"]) == pytest.approx(5_334_801.0)
+    assert float(rows[2]["from_grid_height_m"]) == pytest.approx(500.5)
+
+
+@pytest.mark.parametrize(("height_m", "told"), [(20.0, ", H 20.00 m"), (None, "")])
+def test_a_grid_other_than_the_frame_of_the_map_is_told_beside_it(height_m: float | None, told: str) -> None:
+    feet = {"name": "California <6>", "unit": "ftUS", "east": 6.3e6, "north": 2e6, "height_m": height_m}
+    page = as_html(ChangeReport("", 1, "", "", [OBJECTS[2] | {"grid": feet}], {}, b"")).decode()
+    assert f"500.50<br>E 6300000.00, N 2000000.00 ftUS{told}<br>from 691600.50" in page
+    assert "Its grid is California &lt;6&gt;." in page
+    assert page.count("<br>") == 2  # where it was before, frame and grid are the same
 
 
 def test_geojson_is_in_degrees_on_earth_and_says_so_where_it_is_not(tmp_path: Path) -> None:
     placed = json.loads(report(tmp_path, "geojson"))
-    longitude, latitude, *_ = placed["features"][0]["geometry"]["coordinates"]
-    assert (longitude, latitude) == (pytest.approx(11.585, abs=0.01), pytest.approx(48.139, abs=0.01))
-    unplaced = json.loads(report(tmp_path, "geojson", system=None))
+    assert placed["features"][0]["geometry"]["coordinates"] == [11.585, 48.139, 545.5]
+    assert placed["features"][0]["properties"]["grid"]["east"] == 691_601.0
+    unplaced = json.loads(report(tmp_path, "geojson", wgs84=None))
     assert unplaced["features"][0]["geometry"]["coordinates"] == OBJECTS[0]["center_m"]
     assert "metres" in unplaced["crs_note"]
     assert "crs_note" not in placed

@@ -258,3 +258,5 @@ def test_the_radius_tells_what_the_focal_length_leaves_open_and_anything_is_no_a
     (words,) = unknown.warnings
     assert "field of view" in words
     assert "not known well enough" in words
+    assert "more images" not in words
+    assert "(--hfov" in words

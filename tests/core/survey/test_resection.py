@@ -92,5 +92,21 @@ def test_a_wrong_point_is_named() -> None:
     pixels = seen(SPHERE, Pose(np.eye(3), POSITION), CORNERS)
     wrong = CORNERS.copy()
     wrong[4] = [0.5, 0.5, 0.1]
-    with pytest.raises(OptionsError, match="pair 5 fits worst"):
+    with pytest.raises(OptionsError, match="pair 5 does not fit the others: click it again"):
+        resect(SPHERE, pixels, wrong)
+
+
+def test_a_point_that_is_a_little_wrong_is_named_beside_the_pose() -> None:
+    points = np.array([[5.9, 3.5, 2.0], [5.9, 4.9, 0.4], [3.0, 4.9, 1.9], [4.5, 4.9, 1.0], [4.5, 3.5, 0.4]])
+    clicked = seen(PHOTO, Pose(turned(0.7), POSITION), points) + np.random.default_rng(1).normal(0, 3, (5, 2))
+    assert resect(PHOTO, clicked, points)[0].suspect is None
+    clicked[2] += [60, 30]
+    assert resect(PHOTO, clicked, points)[0].suspect == 2
+
+
+def test_of_four_points_none_is_named() -> None:
+    pixels = seen(SPHERE, Pose(np.eye(3), POSITION), CORNERS[:4])
+    wrong = CORNERS[:4].copy()
+    wrong[3] = [0.5, 0.5, 0.1]
+    with pytest.raises(OptionsError, match="check which point of the scan each of them shows"):
         resect(SPHERE, pixels, wrong)

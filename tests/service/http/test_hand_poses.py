@@ -5,6 +5,7 @@ import json
 import math
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,6 +16,8 @@ from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.lens import project_to_image
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Status
+from panoloc.core.survey.resection import resect
+from panoloc.service.batches.hand_evidence import of_pairs
 from panoloc.service.http.schemas.batches import BatchItem
 from panoloc.service.http.schemas.hand_poses import HandPlacement
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
@@ -82,13 +85,19 @@ async def test_a_lost_photo_is_placed_by_points_and_counts_as_found_until_that_i
     assert body["items"][0] == confirmed
     assert (body["counts"]["localized"], body["counts"]["not_localized"]) == (1, 1)
     answer = confirmed["answer"]
-    assert (answer["status"], answer["placed_by"], "placed_by_hand" in answer["reasons"]) == ("localized", "hand", True)
+    assert (answer["status"], answer["placed_by"], answer["reasons"]) == ("localized", "hand", ["placed_by_hand"])
+    assert "were not compared" in answer["warnings"][0]
     assert 0.5 < answer["confidence"] < 1
     assert 0 < answer["accuracy"]["position_m"] < 0.3
     undone = await running.client.delete(path)
     assert (undone.status_code, undone.json()["status"]) == (200, "not_localized")
     assert (await running.json(batch))["counts"]["localized"] == 0
     assert (await running.client.delete(path)).status_code == 200
+
+
+def test_a_pair_that_contradicts_the_others_is_named() -> None:
+    solved = resect(SPHERE, np.array([each["pixel"] for each in pairs()]), POINTS)
+    assert "pair 2 does not fit the others" in of_pairs([replace(solved[0], suspect=1)], 4).warnings[0]
 
 
 async def test_a_photo_whose_camera_its_answer_tells_is_placed_with_that(running: RunningService) -> None:

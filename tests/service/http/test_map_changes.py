@@ -127,6 +127,25 @@ async def test_a_report_says_what_was_found_and_where_the_map_is(
     assert "1 photo," in str(questions[-1]["period"])
 
 
+async def test_a_report_tells_positions_as_the_map_does_on_its_grid_and_on_earth(
+    running: RunningService, questions: list[dict[str, Any]]
+) -> None:
+    map_id, _ = await changed_map(running)
+    path = f"/maps/{map_id}"
+    at = {"x": 1.0, "y": 2.0, "z": 3.4}
+    for place in (
+        {"coordinate_system": "EPSG:25832"},
+        # It takes precedence over the coordinate system; the grid is that of control points, of which there are none.
+        {"georeference": {"latitude_deg": 48.0, "longitude_deg": 11.0, "height_m": 500.0, "heading_deg": 90.0}},
+    ):
+        (await running.client.patch(path, json=place)).raise_for_status()
+        (await running.client.get(f"{path}/changes/report")).raise_for_status()
+        told = (await running.client.get(f"{path}/coordinates", params=at)).json()
+        (found,) = questions[-1]["objects"]
+        assert (found["grid"], found["wgs84"], found["from_grid"]) == (told["grid"], told["wgs84"], None)
+    assert told["wgs84"]["latitude_deg"] == pytest.approx(48.0, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     "path", ["/maps/{map}/changes", "/maps/{map}/changes/report", "/batches/{batch}/export?format=e57"]
 )
