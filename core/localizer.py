@@ -9,6 +9,7 @@ import torch
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.accuracy import Accuracy
+from panoloc.core.decide.advice import accuracy_too_low, with_advice
 from panoloc.core.decide.agreement import agreement_by_photo
 from panoloc.core.decide.change_maps import ChangeMaps, change_maps
 from panoloc.core.decide.confidence import alias_margins, features_of, formal_radii, load_confidence_model
@@ -20,45 +21,11 @@ from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import MAX_TOP_K, Hints, Method
 from panoloc.core.paper.paper_method import PaperMethod
 from panoloc.core.query.engine import Engine
-from panoloc.core.query.focal_lengths import FoundCameras, found_cameras
+from panoloc.core.query.focal_lengths import FoundCameras
 from panoloc.core.remarks import Reason, Remark
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.core.stage_clock import StageClock
-
-_PLACES_LOOK_ALIKE = Remark(
-    "places_look_alike",
-    "several places look the same from here; send an image that shows where they differ, several frames on the way there, or a hint of the "
-    "place",
-)
-_HINTS_MAY_BE_WRONG = Remark(
-    "widen_hints",
-    "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out",
-)
-_PANORAMA_MAY_BE_WRONG = Remark(
-    "check_image",
-    "no pose fits the panorama well enough; if it shows this place, much of what it shows has changed, or it is no full sphere: "
-    "describe a crop or a stretched image in cameras",
-)
-_CAMERA_MAY_BE_WRONG = Remark(
-    "check_camera",
-    "no pose fits the photo well enough; if it shows this place, much of what it shows has changed, or its field of view is not as given "
-    "(a crop, a zoom): let it be searched with hfov_range_deg (--hfov 45-90)",
-)
-_FOCAL_LENGTH_IS_UNKNOWN = Remark(
-    "accuracy_too_low",
-    "the field of view is not known well enough to say where the photo was taken; give it as hfov_deg (--hfov 69), or the intrinsics",
-)
-_NOISE_IS_TOO_LARGE = Remark(
-    "accuracy_too_low",
-    "the field of view, or the tracking between images, is not known well enough to say where the first image was taken; "
-    "send hfov_deg or the intrinsics, more images, or a smaller position_noise_m",
-)
-_CAMERAS_MAY_BE_WRONG = Remark(
-    "check_camera",
-    "no pose fits the images well enough; if they show this place, much of what they show has changed, "
-    "or cameras, session_from_camera or frame are not as given",
-)
 
 
 class Localizer:
@@ -104,8 +71,7 @@ class Localizer:
         clock = StageClock(timeout_s, self.device, is_cancelled)
         if method == "fast" or rig.photos[0].hfov_range_deg is not None:
             with torch.inference_mode():
-                result = self._engine.run(rig, maps, hints, clock)
-                cameras = found_cameras(rig, result.rig or rig, result.hypotheses)
+                result, cameras = self._engine.run(rig, maps, hints, clock)
         else:
             cameras = FoundCameras(rig)
         if method == "paper":
@@ -130,13 +96,7 @@ class Localizer:
                 prior=prior,
                 is_cancelled=is_cancelled,
             )
-        if answer.status == "not_localized" and not answer.warnings:
-            answer = replace(answer, warnings=why_nothing_fits(rig, hints))
-        if answer.status == "ambiguous":
-            answer = replace(answer, warnings=(*answer.warnings, _PLACES_LOOK_ALIKE))
-        return replace(
-            answer, warnings=(*answer.warnings, *(Remark("regions_ignored", words) for words in rig.left_out))
-        )
+        return with_advice(answer, rig, hints)
 
     def _answer(
         self,
@@ -195,8 +155,7 @@ class Localizer:
         if cameras.warnings and found.status != "not_localized":
             found = replace(found, warnings=(*found.warnings, *cameras.warnings))
         if found.status == "not_localized" and noise.share_right < self._confidence.threshold:
-            unknown = _FOCAL_LENGTH_IS_UNKNOWN if len(cameras.rig.photos) == 1 else _NOISE_IS_TOO_LARGE
-            found = replace(found, warnings=(*found.warnings, unknown))
+            found = replace(found, warnings=(*found.warnings, accuracy_too_low(cameras.rig)))
         return found
 
     def _for_rig(self, found: Localization, rig: Rig, comparison: Comparison | None) -> Localization:
@@ -210,9 +169,7 @@ class Localizer:
             return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
 
         map_from_session = found.best.pose.after(rig_from_session)
-        agreements = agreement_by_photo(
-            comparison, len(rig.images), self.config.judge, self.config.descriptors.patch_deg
-        )
+        agreements = agreement_by_photo(comparison, len(rig.images), self.config.judge, self.config.descriptors)
         images = [
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(rig.images, agreements, strict=True)
@@ -226,19 +183,6 @@ class Localizer:
             map_from_session=map_from_session,
             images=tuple(images),
         )
-
-
-def why_nothing_fits(rig: Rig, hints: Hints | None) -> tuple[Remark, ...]:
-    """Say what may be wrong with a rig that no pose fits well."""
-    reasons = [_HINTS_MAY_BE_WRONG] if hints is not None and hints.is_narrowing else []
-    photos = rig.photos
-    if len(photos) > 1:
-        reasons.append(_CAMERAS_MAY_BE_WRONG)
-    elif photos[0].camera.is_whole_sphere:
-        reasons.append(_PANORAMA_MAY_BE_WRONG)
-    elif photos[0].hfov_range_deg is None:
-        reasons.append(_CAMERA_MAY_BE_WRONG)
-    return tuple(reasons)
 
 
 def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from panoloc.core.config import CONTRAST, JudgeConfig
+from panoloc.core.config import CONTRAST, DescriptorConfig, JudgeConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.kernels.library import call, has_kernels_for
@@ -151,18 +151,17 @@ class PhotoAgreement:
 
 
 def agreement_by_photo(
-    comparison: Comparison | None, count: int, config: JudgeConfig, patch_deg: float
+    comparison: Comparison | None, count: int, config: JudgeConfig, descriptors: DescriptorConfig
 ) -> list[PhotoAgreement | None]:
-    """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view.
-
-    patch_deg: degrees that a patch is high and wide.
-    """
+    """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view."""
     if comparison is None:
         return [None] * count
     found = []
     for number in range(count):
         weights = comparison.weights * (comparison.image == number)
-        found.append(_agreement(comparison, weights, config, patch_deg) if float(weights.sum()) > 0 else None)
+        found.append(
+            _agreement(comparison, weights, config, descriptors.patch_deg) if float(weights.sum()) > 0 else None
+        )
     return found
 
 

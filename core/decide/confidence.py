@@ -20,10 +20,8 @@ from panoloc.core.refine.halves import NOWHERE
 
 _GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other
 _FAR_AHEAD = 0.5  # of the score; places that are farther behind say nothing more
-# Of what was not measured: the logarithm of how many times nearer than what is right halves meet; and how well lines
-# agree that are not asked.
-_UNKNOWN_HALVES, _UNKNOWN_LINES = 1.0, 0.8
-_LEAST_LOGARITHM = -1.0
+# Of halves and lines that were not measured.
+_UNKNOWN = 0.8
 FEATURES = (
     "agreement",
     "margin",
@@ -116,17 +114,17 @@ def load_confidence_model() -> ConfidenceModel:
 def features_of(best: Hypothesis, rivals: Sequence[Hypothesis]) -> dict[str, float]:
     """Return the features of a pose against its rivals at other places."""
     measures, right = best.measures, DISTANCES.right
-    halves = _UNKNOWN_HALVES
+    halves = _UNKNOWN
     if "halves_apart_m" in measures:
         share = math.hypot(
             measures["halves_apart_m"] / right.distance_m, measures["halves_apart_deg"] / right.angle_deg
         )
-        halves = max(-math.log(max(share, 1e-3)), _LEAST_LOGARITHM)
+        halves = -math.log(max(share, 1e-3))
     return {
         "agreement": measures["patch_correlation"],
         "margin": _margin(best, [rival for rival in rivals if not rival.is_alias]),
         "halves": halves,
-        "lines": measures.get("lines", _UNKNOWN_LINES),
+        "lines": measures.get("lines", _UNKNOWN),
     }
 
 

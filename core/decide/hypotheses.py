@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from panoloc.core.camera.rig import Rig
 from panoloc.core.config import PoseDistance
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.geometry.distinct_poses import first_distinct
@@ -59,7 +58,7 @@ class MethodResult:
     """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log.
 
     edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels. noise: what tracking and focal length
-    add to the errors of the best pose. rig: the one from whose focal lengths those of hypotheses are counted; None: the one given.
+    add to the errors of the best pose.
     """
 
     hypotheses: list[Hypothesis]
@@ -70,7 +69,6 @@ class MethodResult:
     num_rotations: int
     edges_deg: float | None = None
     noise: Accuracy = NO_NOISE
-    rig: Rig | None = None
 
 
 def by_map(hypotheses: Sequence[Hypothesis]) -> Iterator[tuple[int, list[Hypothesis]]]:

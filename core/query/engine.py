@@ -16,7 +16,7 @@ from panoloc.core.decide.verdict import Verdict, verdict
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.query.contest import Contest
-from panoloc.core.query.focal_lengths import focal_prior, guesses
+from panoloc.core.query.focal_lengths import FoundCameras, focal_prior, found_cameras, guesses
 from panoloc.core.query.map_query import MapQuery, prepare_queries
 from panoloc.core.query.rounds import aliases_of_pose, poses_of_prior, propose, rounds_of
 from panoloc.core.stage_clock import StageClock
@@ -28,14 +28,15 @@ class Engine:
     def __init__(self, config: LocalizerConfig, confidence: ConfidenceModel) -> None:
         self.config, self.confidence = config, confidence
 
-    def run(self, rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
-        """Return hypotheses over all maps, best first; none when the hints leave nothing to search.
+    def run(
+        self, given: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock
+    ) -> tuple[MethodResult, FoundCameras]:
+        """Return hypotheses over all maps, best first, none when the hints leave nothing to search; and the cameras of the best.
 
-        Their poses are those of the rig's axes.
+        Poses are those of the rig's axes.
         """
         is_only = hints is not None and hints.has_only_prior
-        if not is_only:
-            rig = self._guessed(rig, maps, hints, clock)
+        rig = given if is_only else self._guessed(given, maps, hints, clock)
         with clock.stage("prepare"):
             queries = prepare_queries(rig, maps, hints, self.config)
         contest = Contest(rig, queries, self.config, clock)
@@ -49,7 +50,7 @@ class Engine:
                 contest.add_aliases(aliases)
         contest.add_focal_lengths()
         own = queries[contest.hypotheses[0].map_number] if contest.hypotheses else queries[0]
-        return MethodResult(
+        result = MethodResult(
             contest.hypotheses,
             contest.comparison,
             own.cloud if contest.hypotheses else None,
@@ -58,8 +59,8 @@ class Engine:
             self.config.search.rotations_with(self.config.search.halvings(own.rig.is_wide)),
             None if own.rig.is_wide or own.rig.is_labels else own.rig.edges.length_deg,
             contest.noise,
-            rig,
         )
+        return result, found_cameras(given, rig, result.hypotheses)
 
     def _is_where_expected(self, queries: Sequence[MapQuery], hints: Hints | None, contest: Contest) -> bool:
         """Return whether an answer is sure that the caller expects, or he wants no other: then nothing is searched."""

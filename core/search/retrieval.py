@@ -18,7 +18,6 @@ from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.map.retrieval_vectors import HALVINGS, RetrievalVectors, retrieval_basis
 from panoloc.core.search.described_rig import DescribedRig
 
-_QUERY_STEPS = 2047  # 1,024 products of them and of int8 fit into int32
 _TURNS = 16  # of a quarter; maps whose walls stand alike share their rotations
 
 
@@ -43,7 +42,9 @@ def scores_of_maps(
     queries = torch.stack(
         [_vectors_of(patches, _about_z(turn * quarter / _TURNS).to(rotations) @ rotations) for turn in known]
     )
-    step = queries.abs().max().clamp_min(1e-9) / _QUERY_STEPS
+    # So finely that sums of products of them and of steps fit into 32 bits.
+    most = torch.iinfo(torch.int32).max // (torch.iinfo(torch.int8).max * queries.shape[-1])
+    step = queries.abs().max().clamp_min(1e-9) / most
     queries = (queries / step).round()
     numbers = torch.tensor([known.index(turn) for turn in turns])
     best = _compiled(queries, numbers, maps) if has_kernels_for(queries) else _products(queries, numbers, maps)

@@ -11,9 +11,10 @@ import pytest
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Rig, RigImage
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.advice import why_nothing_fits
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere
-from panoloc.core.localizer import Localizer, why_nothing_fits
+from panoloc.core.localizer import Localizer
 from panoloc.core.options import DEFAULT_TOLERANCE_DEG, MAX_SESSION_TILT_DEG, Hints
 from panoloc.core.results import Localization
 from tests.core.built_maps import (

@@ -105,7 +105,7 @@ def test_what_was_not_measured_is_neither_a_good_sign_nor_a_bad_one() -> None:
         ({"halves_apart_m": 0.0, "halves_apart_deg": 10.0}, "halves", 0.0),
         ({"halves_apart_m": 0.03, "halves_apart_deg": 0.0}, "halves", math.log(10)),
         ({"halves_apart_m": 0.018, "halves_apart_deg": 0.8}, "halves", math.log(10)),  # both together
-        ({"halves_apart_m": 1.0, "halves_apart_deg": 90.0}, "halves", -1.0),  # further says nothing more
+        ({"halves_apart_m": 1.2, "halves_apart_deg": 30.0}, "halves", -math.log(5)),
         ({"halves_apart_m": 0.0, "halves_apart_deg": 0.0}, "halves", math.log(1000)),
     ],
 )

@@ -16,7 +16,7 @@ from tests.core.image.painted_photos import TWO, rig_pose, session_of
 from tests.core.painted_box import rotation_of
 
 JUDGE = JudgeConfig()
-PATCH_DEG = DescriptorConfig().patch_deg
+DESCRIPTORS = DescriptorConfig()
 SESSION = session_of(TWO)
 SECOND = SESSION.images[1]
 COLOR = SECOND.photo.color
@@ -31,7 +31,7 @@ def agreements(color: np.ndarray = COLOR, at: Pose = TWO[1]) -> tuple[PhotoAgree
     """Return those of the session whose second photo shows something, taken at some place in the session."""
     second = replace(SECOND, photo=replace(SECOND.photo, color=color), session_from_camera=at)
     first, other = agreement_by_photo(
-        compared(replace(SESSION, images=(SESSION.images[0], second))), 2, JUDGE, PATCH_DEG
+        compared(replace(SESSION, images=(SESSION.images[0], second))), 2, JUDGE, DESCRIPTORS
     )
     assert first is not None
     assert other is not None
@@ -85,5 +85,5 @@ def test_all_three_signs_have_to_speak_against_it(measured: PhotoAgreement, cont
 
 
 def test_nothing_is_told_of_a_photo_that_shows_nothing_of_the_scan() -> None:
-    assert agreement_by_photo(compared(SESSION), 3, JUDGE, PATCH_DEG)[2] is None
-    assert agreement_by_photo(None, 2, JUDGE, PATCH_DEG) == [None, None]
+    assert agreement_by_photo(compared(SESSION), 3, JUDGE, DESCRIPTORS)[2] is None
+    assert agreement_by_photo(None, 2, JUDGE, DESCRIPTORS) == [None, None]
