@@ -1,4 +1,4 @@
-"""In which order the files begin where several processes share the tests, and which of them stay together."""
+"""In which order the files begin where several processes share the tests, which stay together, and which coverage watches."""
 
 import gc
 from collections.abc import Generator
@@ -11,6 +11,8 @@ from xdist.scheduler import LoadFileScheduling
 TOGETHER = "tests/integration/one_service/"
 # Their tests wait for half of their time: beside each other they would leave processors idle.
 WAITING = "tests/service/"
+# What these run of the service and the core is covered by its own tests, and Python runs at half its speed where coverage watches.
+UNWATCHED = ("tests/lab/", "tests/properties/")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -32,6 +34,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         rank = 0 if item.get_closest_marker("integration") else 1 if item.get_closest_marker("slow") else 2
         file = _file_of(item)
         rank_of_file[file] = min(rank, rank_of_file.get(file, rank))
+        if file.startswith(UNWATCHED):
+            item.add_marker("no_cover")
     place_of_file: dict[str, float] = {}
     for waits in (False, True):
         files = [file for file, rank in rank_of_file.items() if rank and file.startswith(WAITING) == waits]

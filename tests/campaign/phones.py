@@ -13,7 +13,7 @@ from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.lab.rooms import SceneSpec, build_scene, scan_scene
 from panoloc.lab.rooms.capture.free_space import free_position
 from tests.campaign.outcome import Outcome, quantile
-from tests.integration.phone import Found, Hand, phone_at
+from tests.integration.phone import Found, Hand, camera_browser, phone_at
 from tests.integration.running_service import RunningService
 
 _PER_ROOM = 4
@@ -62,7 +62,7 @@ def _found(count: int, seed: int) -> Iterator[tuple[Hand, Found]]:
                     arm_m=float(rng.uniform(0.3, 0.4)),
                     longer_hfov_deg=float(rng.uniform(62, 76)),
                 )
-                with phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
+                with camera_browser() as through, phone_at(f"{service.http.base_url}/m/{map_id}", through) as phone:
                     found = phone.find(hand)
                     if not found.is_sure:
                         print(f"looks again after {found}", file=sys.stderr, flush=True)

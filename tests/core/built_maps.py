@@ -21,6 +21,8 @@ OTHER_BOX = PaintedBox(seed=44, size_m=(4.2, 4.6, 2.5))
 LABELLED = PaintedBox(seed=1, palette=((0, 0, 0), (255, 0, 0), (0, 128, 255), (90, 90, 90), (20, 200, 60)))
 AS_LABELS = IndexOptions(color_kind="labels", spacing_m=0.8)
 _PLAIN = IndexOptions()
+# A seventh of the starts, which is enough to find what is asked for in a box.
+COARSE = IndexOptions(spacing_m=1.0)
 # A camera that is nearly level, off the middle of the box.
 POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
 
@@ -67,8 +69,8 @@ def rig_of(query: Panorama | Photo | Rig) -> Rig:
 
 
 def localized(query: Panorama | Photo | Rig, *maps: PaintedBox | MapIndex, **options: Any) -> Localization:
-    """Return the answer to a query in maps, or in that of BOX."""
-    indexes = [map_of(each) if isinstance(each, PaintedBox) else each for each in maps or (BOX,)]
+    """Return the answer to a query in maps, of boxes with few starts, or in that of BOX."""
+    indexes = [map_of(each, COARSE) if isinstance(each, PaintedBox) else each for each in maps or (BOX,)]
     return localizer().localize(rig_of(query), indexes, **options)
 
 

@@ -15,7 +15,7 @@ from panoloc.core.options import IndexOptions
 from panoloc.core.query.prepared_rig import PreparedRig
 from panoloc.core.results import Candidate
 from panoloc.core.search.retrieval import scores_of_maps
-from tests.core.built_maps import BOX, OTHER_BOX, answer, localized, map_of, panorama, rig_of
+from tests.core.built_maps import BOX, COARSE, OTHER_BOX, localized, map_of, panorama, rig_of
 from tests.core.found_pose import best_of, known
 from tests.core.image.painted_photos import session_of
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
@@ -37,10 +37,10 @@ def _no_inference_mode(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_query_computes_where_its_localizer_is() -> None:
-    here = best_of(answer())
+    here = best_of(localized(panorama()))
     with OtherDevice() as device:
-        found = Localizer(device=str(DEVICE)).localize(rig_of(panorama()), [map_of(BOX).to(DEVICE)])
-        assert len(known(found.score_points)()) == map_of(BOX).num_points
+        found = Localizer(device=str(DEVICE)).localize(rig_of(panorama()), [map_of(BOX, COARSE).to(DEVICE)])
+        assert len(known(found.score_points)()) == map_of(BOX, COARSE).num_points
     assert_same(best_of(found), here)
     print(f"operations started {sum(device.started.values())}, values asked for {dict(device.asked)}")
     assert sum(device.asked.values()) < MOST_ASKED
@@ -48,10 +48,10 @@ def test_a_query_computes_where_its_localizer_is() -> None:
 
 def test_retrieval_compares_there() -> None:
     boxes, rig = (OTHER_BOX, BOX), rig_of(panorama())
-    here = [retrieval_vectors(map_of(box)) for box in boxes]
+    here = [retrieval_vectors(map_of(box, COARSE)) for box in boxes]
     expected = scores_of(rig, here, "cpu")
     with OtherDevice():
-        there = [retrieval_vectors(map_of(box).to(DEVICE)) for box in boxes]
+        there = [retrieval_vectors(map_of(box, COARSE).to(DEVICE)) for box in boxes]
         found = scores_of(rig, there, str(DEVICE))
     assert found == pytest.approx(expected, rel=0.01)
 
@@ -67,7 +67,7 @@ def scores_of(rig: Rig, maps: list[RetrievalVectors], device: str) -> list[float
 def test_photos_with_parallax_and_lines_are_localized_there_as_well() -> None:
     rig = session_of()
     with OtherDevice():
-        found = Localizer(device=str(DEVICE)).localize(rig, [map_of(BOX).to(DEVICE)])
+        found = Localizer(device=str(DEVICE)).localize(rig, [map_of(BOX, COARSE).to(DEVICE)])
     assert_same(best_of(found), best_of(localized(rig)), 0.006, 0.1)
 
 

@@ -15,7 +15,7 @@ from panoloc.core.localizer import Localizer
 from panoloc.core.options import Frame, Hints, PosePrior
 from panoloc.core.query.rounds import poses_of_prior
 from panoloc.core.results import Localization
-from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, answer, localized, map_of, panorama, rig_of
+from tests.core.built_maps import BOX, COARSE, OTHER_BOX, POSE, SYMMETRIC, answer, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known
 from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, session_of
 from tests.core.search.found_candidates import RIGS, query, query_of
@@ -93,7 +93,7 @@ def test_a_wrong_prior_changes_no_answer(metres: tuple[float, float, float]) -> 
 def test_what_is_not_sure_where_it_was_expected_is_searched() -> None:
     config = LocalizerConfig()
     never_sure = Localizer(replace(config, judge=replace(config.judge, sure=2.0)), "cpu")
-    found = never_sure.localize(rig_of(panorama()), [map_of(BOX)], hints=expected(POSE))
+    found = never_sure.localize(rig_of(panorama()), [map_of(BOX, COARSE)], hints=expected(POSE))
     assert found.search.num_starts == answer().search.num_starts
 
 

@@ -1,5 +1,10 @@
 // A phone with AR in a browser: iwer's device, and stand-ins for what that lacks, which are raw camera access and the DOM overlay.
 {
+  // A dozen frames in a second: here a processor draws them, and the session never stops asking for the next.
+  const { requestAnimationFrame: next } = globalThis;
+  globalThis.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 66);
+  globalThis.cancelAnimationFrame = clearTimeout;
+
   const device = new IWER.XRDevice(
     {
       name: "phone",

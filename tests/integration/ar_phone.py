@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import Browser, Locator, Page
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.geometry.pose import Pose
 from panoloc.lab.rooms import take_photo
 from panoloc.lab.rooms.capture.shooting import turned
 from tests.core.image.picture_files import encoded
-from tests.integration.console_page import browser, page_of
+from tests.integration.console_page import page_of
 from tests.integration.phone import SCREEN, Hand
 from tests.packaging.test_js_package import PACKAGE
 
@@ -63,12 +63,9 @@ class ArPhone:
 
 
 @contextmanager
-def ar_phone_at(url: str) -> Iterator[ArPhone]:
+def ar_phone_at(url: str, chromium: Browser) -> Iterator[ArPhone]:
     """Open the page on a phone whose browser offers AR."""
-    with (
-        browser() as chromium,
-        page_of(chromium, "about:blank", viewport=SCREEN, has_touch=True, is_mobile=True) as page,
-    ):
+    with page_of(chromium, "about:blank", viewport=SCREEN, has_touch=True, is_mobile=True) as page:
         page.add_init_script(path=_IWER)
         page.add_init_script(_DEVICE.replace("FOVY_RAD", str(math.radians(_FOVY_DEG))))
         page.goto(url)

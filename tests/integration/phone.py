@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import CDPSession, Page, expect
+from playwright.sync_api import Browser, CDPSession, Page, expect
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.geometry.pose import Pose
@@ -116,9 +116,17 @@ class Found:
         return self.title == "You are here"
 
 
+@dataclass(frozen=True)
+class CameraBrowser:
+    """A browser whose camera shows the picture in a file, a video of one frame."""
+
+    chromium: Browser
+    camera: Path
+
+
 @contextmanager
-def phone_at(url: str, **context: object) -> Iterator[Phone]:
-    """Open the page on a phone that has a camera."""
+def camera_browser() -> Iterator[CameraBrowser]:
+    """Start one."""
     with tempfile.TemporaryDirectory() as folder:
         camera = Path(folder) / "camera.y4m"
         camera.write_bytes(_video(np.zeros((SIZE[1], SIZE[0], 3), np.uint8)))
@@ -127,9 +135,16 @@ def phone_at(url: str, **context: object) -> Iterator[Phone]:
             "--use-fake-device-for-media-stream",
             f"--use-file-for-fake-video-capture={camera}",
         ]
-        screen = {"viewport": SCREEN, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
-        with browser(*arguments) as chromium, page_of(chromium, url, **{**screen, **context}) as page:
-            yield Phone(page, camera)
+        with browser(*arguments) as chromium:
+            yield CameraBrowser(chromium, camera)
+
+
+@contextmanager
+def phone_at(url: str, through: CameraBrowser, **context: object) -> Iterator[Phone]:
+    """Open the page on a phone that has a camera."""
+    screen = {"viewport": SCREEN, "has_touch": True, "is_mobile": True}
+    with page_of(through.chromium, url, **{**screen, **context}) as page:
+        yield Phone(page, through.camera)
 
 
 def _video(picture: NDArray[np.uint8]) -> bytes:

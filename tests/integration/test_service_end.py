@@ -44,7 +44,6 @@ def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_ask
         assert service.status("/health/ready") == 503
         service.wait_until_ready()
         map_id = service.register(small_room().scan, OPTIONS)
-        assert service.http.get("/demo/room.ply").status_code == 200  # made by a process of its own
         family = service.family()
         with ThreadPoolExecutor(4) as clients:
             requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(4)]

@@ -1,8 +1,7 @@
-"""Runs commands against the fake service, cases of the same scene on one scene, and nothing under the eyes of coverage."""
+"""Runs commands against the fake service, and cases of the same scene on one scene."""
 
 from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 
 import pytest
 
@@ -10,13 +9,6 @@ from panoloc.lab.rooms import cases
 from tests.service.cli.commands import fake, panoloc, panorama, scan
 
 __all__ = ["fake", "panoloc", "panorama", "scan"]
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    # What they run of the service and the core is covered by its own tests.
-    for item in items:
-        if item.path.is_relative_to(Path(__file__).parent):
-            item.add_marker("no_cover")
 
 
 @pytest.fixture(scope="session", autouse=True)

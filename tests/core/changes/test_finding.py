@@ -16,7 +16,7 @@ from panoloc.lab.rooms.changed_rooms import make_changed_room
 
 @pytest.mark.slow
 def test_objects_of_a_rearranged_room_are_found_where_they_are_and_shown(tmp_path: Path) -> None:
-    room = make_changed_room(6003)
+    room = make_changed_room(6003, width=512)
     write_ply(tmp_path / "points.ply", room.cloud)
     photos = []
     for number, (panorama, pose) in enumerate(zip(room.panoramas, room.poses, strict=True)):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.integration.running_service import ROOT, RunningService
-from tests.integration.small_room import small_room
+from tests.integration.small_room import OPTIONS, small_room
 from tests.integration.walked_room import walk_with_tracker, write_walk
 from tests.packaging.test_js_package import PACKAGE, node
 
@@ -45,13 +45,13 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walk")
-    write_walk(folder, seed=3, seconds=20, width=480)
+    write_walk(folder, seed=3, seconds=15, width=480)
     return folder
 
 
 @pytest.fixture(scope="module")
 def walked_map(service: RunningService, walk: Path) -> str:
-    return service.register((walk / "scan.ply").read_bytes(), "{}")
+    return service.register((walk / "scan.ply").read_bytes(), OPTIONS)
 
 
 def examples(page: Path, service: RunningService, map_id: str) -> list[str]:

@@ -1,6 +1,7 @@
 """The page for phones, in a browser with a camera and sensors: from the link to the place, and what it says where there is none."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from playwright.sync_api import expect
 
 from tests.integration.ar_phone import ArPhone, ar_phone_at
 from tests.integration.console_page import serious_faults
-from tests.integration.phone import Hand, phone_at
+from tests.integration.phone import CameraBrowser, Hand, camera_browser, phone_at
 from tests.integration.running_service import RunningService
 from tests.integration.small_room import room_scene
 
@@ -20,8 +21,16 @@ SURE = Hand(room_scene(), np.array([1.33, 0.04, 1.26]), yaw_deg=150.0, pitch_deg
 UNSURE = Hand(room_scene(), np.array([1.07, 0.26, 1.37]), yaw_deg=260.0, pitch_deg=4.0)
 
 
-def test_one_picture_says_where_somebody_stands_and_the_page_leads_on(service: RunningService, map_id: str) -> None:
-    with phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
+@pytest.fixture(scope="module")
+def through() -> Iterator[CameraBrowser]:
+    with camera_browser() as started:
+        yield started
+
+
+def test_one_picture_says_where_somebody_stands_and_the_page_leads_on(
+    service: RunningService, through: CameraBrowser, map_id: str
+) -> None:
+    with phone_at(f"{service.http.base_url}/m/{map_id}", through) as phone:
         expect(phone.page.get_by_role("button", name="Find where I am")).to_be_visible()
         assert phone.page.get_by_role("button", name="Look around with AR").count() == 0
         assert serious_faults(phone.page) == []
@@ -46,16 +55,18 @@ def test_one_picture_says_where_somebody_stands_and_the_page_leads_on(service: R
         assert [lens["deg"] for lens in learnt.values()] == [pytest.approx(SURE.longer_hfov_deg, abs=4)]
 
 
-def test_who_turns_is_found_where_one_picture_shows_too_little(service: RunningService, map_id: str) -> None:
-    with phone_at(f"{service.http.base_url}/m/{map_id}", color_scheme="dark") as phone:
+def test_who_turns_is_found_where_one_picture_shows_too_little(
+    service: RunningService, through: CameraBrowser, map_id: str
+) -> None:
+    with phone_at(f"{service.http.base_url}/m/{map_id}", through, color_scheme="dark") as phone:
         found = phone.find(UNSURE)
         assert found.title == "You are here"
         assert found.num_shots > 1
         assert found.error_m < 0.1
 
 
-def test_a_map_that_is_not_there_is_said_to_be_so(service: RunningService) -> None:
-    with phone_at(f"{service.http.base_url}/m/map_never") as phone:
+def test_a_map_that_is_not_there_is_said_to_be_so(service: RunningService, through: CameraBrowser) -> None:
+    with phone_at(f"{service.http.base_url}/m/map_never", through) as phone:
         expect(phone.page.get_by_role("heading", name="There is no such map")).to_be_visible()
         assert serious_faults(phone.page) == []
 
@@ -73,8 +84,10 @@ def start_ar(phone: ArPhone) -> None:
     expect(found).to_be_visible()
 
 
-def test_a_note_that_was_left_with_ar_is_at_its_place_after_a_reload(service: RunningService, map_id: str) -> None:
-    with ar_phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
+def test_a_note_that_was_left_with_ar_is_at_its_place_after_a_reload(
+    service: RunningService, through: CameraBrowser, map_id: str
+) -> None:
+    with ar_phone_at(f"{service.http.base_url}/m/{map_id}", through.chromium) as phone:
         page = phone.page
         note = page.locator("p", has_text="The key is here")
         start_ar(phone)
@@ -111,8 +124,8 @@ def test_a_note_that_was_left_with_ar_is_at_its_place_after_a_reload(service: Ru
         expect(note).to_have_count(0)
 
 
-def test_who_refuses_ar_reads_what_to_do(service: RunningService, map_id: str) -> None:
-    with ar_phone_at(f"{service.http.base_url}/m/{map_id}") as phone:
+def test_who_refuses_ar_reads_what_to_do(service: RunningService, through: CameraBrowser, map_id: str) -> None:
+    with ar_phone_at(f"{service.http.base_url}/m/{map_id}", through.chromium) as phone:
         phone.page.evaluate(
             "() => { navigator.xr.requestSession = async () => { throw new DOMException('', 'NotAllowedError') } }"
         )

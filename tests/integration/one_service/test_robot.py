@@ -17,7 +17,7 @@ def test_a_robot_gets_its_first_pose_and_stays_right_where_its_odometry_does_not
     service: RunningService, map_id: str, tmp_path: Path
 ) -> None:
     faults = Faults(scale=1.1, heading_rad_per_m=0.05)
-    driven = drive(room_scene(), seconds=14.0, image_every_s=0.4, faults=faults, width=320)
+    driven = drive(room_scene(), seconds=14.0, image_every_s=0.6, faults=faults, width=320)
     variables, log = environment(), tmp_path / "node.log"
     # A drift of 0.2 allows the heading 0.04 rad per metre, about the fault; with half of that the covariance is too small.
     with running_node(str(service.http.base_url), map_id, log, variables, "--odometry-drift", "0.2"):

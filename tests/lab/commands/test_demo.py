@@ -2,7 +2,8 @@
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,15 +19,22 @@ from panoloc.core.image.reader import read_image
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab import demo_room
 from panoloc.lab.demo_room import DemoQuery, DemoScene, make_demo_scene
+from panoloc.service.host.demo_room import _MAKER, DEMO_FILES
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
 
-def make(folder: Path) -> DemoScene:
-    """Make the room of the demo with small files."""
+@contextmanager
+def small_files() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (("NUM_SCAN_POINTS", 20_000), ("PANORAMA_WIDTH", 128), ("_PHOTO_SIZE", (480, 360))):
             patch.setattr(demo_room, name, value)
+        yield
+
+
+def make(folder: Path) -> DemoScene:
+    """Make the room of the demo with small files."""
+    with small_files():
         return make_demo_scene(folder, 3, lambda text: None)
 
 
@@ -80,6 +88,18 @@ def test_a_service_elsewhere_is_never_started(panoloc: Panoloc, fake: FakeServic
     done = panoloc("demo", "--folder", tmp_path / "demo", "--url", "http://example.org:8000")
     assert done.code == 1
     assert "only one on this machine can be started" in done.err
+
+
+@pytest.mark.slow
+def test_what_the_service_runs_makes_the_scan_and_the_panorama_of_its_console(
+    tmp_path: Path,
+) -> None:
+    with small_files():
+        demo_room.make_demo_room(tmp_path)
+    assert demo_room.__name__ == _MAKER
+    assert {path.name for path in tmp_path.iterdir()} == set(DEMO_FILES)
+    assert len(read_scan(tmp_path / "room.ply")) == 20_000
+    assert read_image((tmp_path / "panorama.jpg").read_bytes()).color.shape == (64, 128, 3)
 
 
 @pytest.mark.slow

@@ -1,12 +1,15 @@
 """A campus of maps: which are twins, what becomes of queries, and what is counted."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 import torch
 
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.retrieval_vectors import RetrievalVectors
+from panoloc.core.options import IndexOptions
 from panoloc.lab.evaluation.campus import (
     Campus,
     CampusRow,
@@ -46,7 +49,10 @@ def test_wrong_answers_and_those_that_are_too_sure_of_a_twin_are_counted(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_panorama_of_a_changed_room_is_found_among_rooms(tmp_path: Path) -> None:
+def test_a_panorama_of_a_changed_room_is_found_among_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # An eighth of the starts.
+    coarse = partial(build_map_index, options=IndexOptions(spacing_m=1.0))
+    monkeypatch.setattr("panoloc.lab.evaluation.campus.build_map_index", coarse)
     campus = Campus(tmp_path, 2)
     for number in range(campus.num_maps):
         campus.build(number)

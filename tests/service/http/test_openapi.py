@@ -125,7 +125,7 @@ def test_the_service_does_what_its_document_says(tmp_path: Path, listen: Listen)
 
 
 def statuses_of(operation: Any, map_id: str | None) -> set[int]:
-    """Call an operation with generated input, with the id of a real map every other time; return what came."""
+    """Call an operation with generated input, with the id of a real map two times of three; return what came."""
     from schemathesis.checks import not_a_server_error
     from schemathesis.specs.openapi import checks
 
@@ -137,9 +137,9 @@ def statuses_of(operation: Any, map_id: str | None) -> set[int]:
         checks.response_headers_conformance,
     )
     seen: set[int] = set()
-    turn = itertools.cycle([False, True])
+    turn = itertools.cycle([True, True, False])
 
-    @settings(max_examples=8, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=6, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(case=operation.as_strategy())
     def answers_as_documented(case: Any) -> None:
         if next(turn) and map_id and "map_id" in (case.path_parameters or {}):

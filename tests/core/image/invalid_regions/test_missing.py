@@ -120,7 +120,7 @@ def test_a_photo_has_no_seam_and_its_share_is_of_its_pixels() -> None:
 
 
 @pytest.mark.parametrize("level", [(0, 0, 0), (255, 255, 255), (128, 128, 128), (15, 60, 200)], ids=str)
-@pytest.mark.parametrize("quality", [70, 80, 95])
+@pytest.mark.parametrize("quality", [70, 95])
 @pytest.mark.parametrize("sides", ["above or below", "left or right"])
 @pytest.mark.parametrize("is_sphere", [True, False], ids=["panorama", "photo"])
 def test_bars_of_any_color_are_found(level: tuple[int, int, int], quality: int, sides: str, is_sphere: bool) -> None:
