@@ -181,10 +181,12 @@ class Contest:
         if all(h.is_near(best, place) for h in ranked):
             # Margins compare like with like: the best place elsewhere is judged as the best was. Where all others are at the best place,
             # the best of the coarse poses elsewhere is that rival.
-            rivals = [h for h in (*others, *self._coarse) if not h.is_near(best, place)][:1]
-            others = [h for h in others if all(h is not rival for rival in rivals)]
-            with self.clock.stage("judge"):
-                ranked += [self.queries[h.map_number].judge_alone(h)[0] for h in rivals]
+            elsewhere = (h for h in (*others, *self._coarse) if not h.is_near(best, place))
+            rival = next((h for h in elsewhere if self.queries[h.map_number].allows(h)), None)
+            others = [h for h in others if h is not rival]
+            if rival is not None:
+                with self.clock.stage("judge"):
+                    ranked.append(self.queries[rival.map_number].judge_alone(rival)[0])
         # The rest was judged on smaller renderings, where scores are larger: none of it is better than what came before it.
         least = min((h.score for h in ranked if not h.is_near(best, place)), default=math.inf)
         others = [replace(h, score=min(h.score, least)) for h in others]

@@ -39,7 +39,7 @@ def test_a_hint_that_holds_narrows_the_search_and_keeps_the_answer(hints: Hints)
 
 @pytest.mark.parametrize("hints", named(WRONG))
 def test_a_wrong_hint_is_not_localized_and_not_exceeded(hints: Hints) -> None:
-    found = localized(panorama(), map_of(BOX), hints=hints, top_k=4)
+    found = localized(panorama(), hints=hints, top_k=4)
     assert found.warnings
     assert "hints" in found.warnings[0]
     assert found.status == "not_localized"
