@@ -135,7 +135,7 @@ def test_photo_and_points_meet_where_the_photo_was_taken(
 
 
 def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
-    page: Page, service: RunningService, room_id: str, panorama: Path
+    page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
 ) -> None:
     page.goto(f"{service.http.base_url}/#/maps/{room_id}")
     page.get_by_label("Choose photos to localize").set_input_files(panorama)
@@ -151,10 +151,29 @@ def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
     expect(kept.first).to_contain_text("%")
     assert serious_faults(page) == []
     page.get_by_role("button", name="Photos", exact=True).click()
-    page.get_by_role("button", name="Place panorama.jpg by hand").click()
-    expect(page.get_by_role("heading", level=1)).to_have_text("panorama.jpg")
-    expect(page.get_by_role("group", name="How to place it")).to_be_visible()
+    _place_a_lost_photo_of_the_list(page, service, tmp_path / "lost.png")
+    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    expect(page.get_by_role("list", name="Photos of batches").get_by_text("lost.png")).to_be_visible()
+    expect(page.get_by_role("list", name="Photos and their answers")).to_have_count(0)
+
+
+def _place_a_lost_photo_of_the_list(page: Page, service: RunningService, lost: Path) -> None:
+    """Drop a photo that is not found, and place it by hand in the batch that all photos of the list become."""
+    Image.new("RGB", (512, 256), "grey").save(lost)
+    page.get_by_label("Choose photos to localize").set_input_files(lost)
+    page.get_by_role("button", name="Place lost.png by hand").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("lost.png")
+    page.get_by_role("button", name="Drag on the plan").click()
     assert serious_faults(page) == []
+    batch_id, _, number = page.url.rpartition("/batches/")[2].partition("/place/")
+    items = service.http.get(f"/batches/{batch_id}").json()["items"]
+    assert [(each["name"], each["status"]) for each in items] == [
+        ("panorama.jpg", "localized"),
+        ("lost.png", "not_localized"),
+    ]
+    pose = {"frame": "ros", "map_from_camera": items[0]["answer"]["pose"]["map_from_camera"]}
+    body = {"map_id": items[0]["answer"]["map_id"], "pose": pose, "refine": False, "confirm": True}
+    service.http.post(f"/batches/{batch_id}/images/{number}/pose", json=body).raise_for_status()
 
 
 def test_objects_that_changed_are_listed_with_pictures_and_reports(

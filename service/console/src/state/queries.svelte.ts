@@ -125,10 +125,10 @@ export const queries = {
     queries.add([query.photo], { ...query.target, angle });
   },
   /** What the list no longer shows, a reload does not bring back. */
-  async remove(query: Query): Promise<void> {
-    query.cancel();
-    await dropPhoto(query.key);
-    items = items.filter((each) => each !== query);
+  async remove(...removed: Query[]): Promise<void> {
+    for (const query of removed) query.cancel();
+    await Promise.all(removed.map(({ key }) => dropPhoto(key)));
+    items = items.filter((each) => !removed.includes(each));
   },
 };
 
