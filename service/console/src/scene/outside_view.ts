@@ -27,6 +27,7 @@ export class OutsideView {
   constructor(canvas: HTMLCanvasElement, camera: PerspectiveCamera, changed: () => void) {
     this.camera = camera;
     this.orbit = new OrbitControls(camera, canvas);
+    this.orbit.zoomToCursor = true;
     this.orbit.addEventListener("change", changed);
     this.keys = new OrbitKeys(canvas, camera, this.orbit, changed);
   }
