@@ -10,8 +10,18 @@ export interface Route {
 }
 
 let current = $state(parse(location.hash));
+let unsaved = "";
 
-window.addEventListener("hashchange", () => {
+window.addEventListener("beforeunload", (event) => {
+  if (unsaved) event.preventDefault();
+});
+window.addEventListener("hashchange", (event) => {
+  if (JSON.stringify(parse(location.hash)) === JSON.stringify(current)) return;
+  if (unsaved && !confirm(`Leave this page? ${unsaved}`)) {
+    location.href = event.oldURL;
+    return;
+  }
+  unsaved = "";
   current = parse(location.hash);
   window.scrollTo(0, 0);
 });
@@ -19,6 +29,10 @@ window.addEventListener("hashchange", () => {
 export const route = {
   get current(): Route {
     return current;
+  },
+  /** What would be lost with the page, as a sentence: then it is left only after a question. "" for nothing. */
+  set unsaved(said: string) {
+    unsaved = said;
   },
 };
 
