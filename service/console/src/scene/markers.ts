@@ -14,6 +14,7 @@ export interface Marker {
   isUnsure: boolean;
   /** Within which the camera stood with a probability of 68 %, metres; null where that is not known. */
   radius: number | null;
+  label?: string;
 }
 
 /** Return the place of a point of the map, metres in its own frame. */
