@@ -152,9 +152,10 @@ def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
     assert serious_faults(page) == []
     page.get_by_role("button", name="Photos", exact=True).click()
     _place_a_lost_photo_of_the_list(page, service, tmp_path / "lost.png")
-    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.go_back()
     expect(page.get_by_role("list", name="Photos of batches").get_by_text("lost.png")).to_be_visible()
     expect(page.get_by_role("list", name="Photos and their answers")).to_have_count(0)
+    expect(page.get_by_label("Answer", exact=True)).to_have_count(0)
 
 
 def _place_a_lost_photo_of_the_list(page: Page, service: RunningService, lost: Path) -> None:
@@ -166,13 +167,14 @@ def _place_a_lost_photo_of_the_list(page: Page, service: RunningService, lost: P
     page.get_by_role("button", name="Drag on the plan").click()
     assert serious_faults(page) == []
     batch_id, _, number = page.url.rpartition("/batches/")[2].partition("/place/")
+    assert eventually(lambda: service.http.get(f"/batches/{batch_id}").json()["status"] == "done", 60)
     items = service.http.get(f"/batches/{batch_id}").json()["items"]
     assert [(each["name"], each["status"]) for each in items] == [
-        ("panorama.jpg", "localized"),
         ("lost.png", "not_localized"),
+        ("panorama.jpg", "localized"),
     ]
-    pose = {"frame": "ros", "map_from_camera": items[0]["answer"]["pose"]["map_from_camera"]}
-    body = {"map_id": items[0]["answer"]["map_id"], "pose": pose, "refine": False, "confirm": True}
+    pose = {"frame": "ros", "map_from_camera": items[1]["answer"]["pose"]["map_from_camera"]}
+    body = {"map_id": items[1]["answer"]["map_id"], "pose": pose, "refine": False, "confirm": True}
     service.http.post(f"/batches/{batch_id}/images/{number}/pose", json=body).raise_for_status()
 
 
