@@ -75,7 +75,8 @@ def localize_among(
     maps: at least one. num_maps: where they are the likeliest of so many, best first. The other parameters and the errors are those of
     `Localizer.localize`; what `maps` raises is passed on.
     """
-    began, few, most = time.monotonic(), localizer.config.search.first_maps, localizer.config.search.most_maps
+    search = localizer.config.search
+    began, few, most = time.monotonic(), search.num_candidates // 4, search.most_maps
     ranked, portions, timings_s = list(range(len(maps))), [len(maps)], defaultdict[str, float](float)
     total, is_telling = num_maps or len(maps), True
     # To look for the likeliest takes as long as to search as many again.

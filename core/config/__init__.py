@@ -12,7 +12,6 @@ from panoloc.core.config.localizer import LocalizerConfig, PaperConfig
 from panoloc.core.config.refinement import MediumRound, RefinementConfig, StepConfig, StoppingRule
 from panoloc.core.config.search import (
     FocalConfig,
-    PriorConfig,
     SearchConfig,
 )
 
@@ -33,7 +32,6 @@ __all__ = [
     "PaperConfig",
     "PoseDistance",
     "PoseDistances",
-    "PriorConfig",
     "RefinementConfig",
     "RenderingConfig",
     "SearchConfig",

@@ -3,7 +3,7 @@
 import hashlib
 from dataclasses import asdict, dataclass
 
-from panoloc.core.config.distances import PoseDistance
+from panoloc.core.config.distances import DISTANCES
 from panoloc.core.config.imaging import CONTRAST, RENDERING
 
 
@@ -52,7 +52,6 @@ class DescriptorConfig:
 class AliasConfig:
     """Which starts look the same (see `panoloc.core.map.aliases`), by the scores of patches of 22 degrees."""
 
-    elsewhere: PoseDistance = PoseDistance(1.5, 60.0)  # nearer is the place itself, or one alias
     least: float = 1.55  # score; the median of equal rooms is 2.7, of other rooms 1.2
     most: int = 3  # of each start
 
@@ -70,4 +69,4 @@ class IndexConfig:
     def digest(self) -> str:
         """Return 16 hex digits that change whenever an index built with this configuration would."""
         settings = sorted(asdict(self).items())
-        return hashlib.sha256(repr((settings, CONTRAST, RENDERING)).encode()).hexdigest()[:16]
+        return hashlib.sha256(repr((settings, DISTANCES, CONTRAST, RENDERING)).encode()).hexdigest()[:16]

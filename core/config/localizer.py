@@ -6,7 +6,7 @@ from panoloc.core.config.index import AliasConfig, DescriptorConfig
 from panoloc.core.config.judge import ChangeConfig, JudgeConfig
 from panoloc.core.config.lines import LineConfig
 from panoloc.core.config.refinement import RefinementConfig
-from panoloc.core.config.search import FocalConfig, PriorConfig, SearchConfig
+from panoloc.core.config.search import FocalConfig, SearchConfig
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,6 @@ class LocalizerConfig:
     aliases: AliasConfig = AliasConfig()
     search: SearchConfig = SearchConfig()
     focal: FocalConfig = FocalConfig()
-    prior: PriorConfig = PriorConfig()
     refinement: RefinementConfig = RefinementConfig()
     judge: JudgeConfig = JudgeConfig()
     change: ChangeConfig = ChangeConfig()

@@ -30,9 +30,8 @@ class SearchConfig:
     # What a round proposes.
     num_candidates: int = 32  # of which a quarter is looked at first
     pool: int = 2500  # poses that candidates are chosen from
-    # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a few, and
-    # then the others where no answer is sure; by rigs that show little all at once.
-    first_maps: int = 8
+    # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a quarter of the number of
+    # candidates, and then the others where no answer is sure; by rigs that show little all at once.
     most_maps: int = 64
 
     @property
@@ -52,17 +51,6 @@ class SearchConfig:
     def rotations_with(self, halvings: int) -> int:
         """Return how many rotations are searched with patches that were pooled so often."""
         return self.rotations >> 2 * halvings
-
-
-@dataclass(frozen=True)
-class PriorConfig:
-    """A pose that the caller expects (see `panoloc.core.query.rounds.poses_of_prior`)."""
-
-    # Refinement comes back from as far off as a pose is right. Where a prior may be farther off, it begins beside it as well: metres, and
-    # degrees of yaw, at most.
-    farthest: tuple[float, float] = (1.0, 40.0)
-    # Nothing else was looked at, so a pose is taken to fit this much better than the best elsewhere.
-    margin: float = 0.3
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,15 @@ from torch import Tensor
 
 from panoloc.core.config import LineConfig
 from panoloc.core.features.photo_edges import Edges
-from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
+from panoloc.core.geometry.projection import (
+    LEAST_SINE,
+    pixel_directions,
+    pixel_solid_angles,
+    sample_planes,
+    wrap_border,
+)
 from panoloc.core.geometry.rotations import rotations_of_axes
 from panoloc.core.kernels.library import call, has_kernels_for
-
-LEAST_SINE = 0.05  # of the angle from an edge to a vanishing point; nearer ones say nothing of the direction of an edge
 
 
 def alignment_ratio(off_square: Tensor, noise: float, aligned_share: float) -> Tensor:

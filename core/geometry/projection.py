@@ -13,6 +13,8 @@ import math
 import torch
 from torch import Tensor
 
+LEAST_SINE = 0.05  # of the angle to a pole or a vanishing point; nearer ones hardly tell where around it something is
+
 
 def project(points: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
     """Project camera-frame points (..., 3) to pixel coordinates `u` in [0, W) and `v` in [0, H], each (...).

@@ -10,7 +10,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-_MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
+from panoloc.core.geometry.projection import LEAST_SINE
+
 VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 BORDER = 2  # pixels around each window, of which the outer ones are there for derivatives alone
 
@@ -126,7 +127,7 @@ class Level:
         sampled = self.sample(torch.atan2(y, x), torch.atan2(z, flat), 0 if images is None else images, self.planes)
         # ∂azimuth/∂p = (-y, x, 0) / f² and ∂elevation/∂p = (-x z / f, -y z / f, f) / d², with f² = x² + y² and d² = x² + y² + z².
         square = torch.addcmul(flat_square, z, z).clamp_min_(1e-12)
-        stable = torch.maximum(flat_square, square * _MIN_COSINE**2)
+        stable = torch.maximum(flat_square, square * LEAST_SINE**2)
         over = z / (flat.clamp_min(1e-6) * square)
         by_point = torch.stack(
             (-y / stable, x / stable, torch.zeros_like(x), -x * over, -y * over, flat / square), dim=1

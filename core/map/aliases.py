@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from panoloc.core.config import AliasConfig
+from panoloc.core.config import DISTANCES, AliasConfig
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotation_from_vector
@@ -42,8 +42,8 @@ def find_aliases(views: DescribedViews, starts: Tensor, config: AliasConfig) -> 
     for part in torch.split(torch.arange(len(starts), device=starts.device), _STARTS_AT_ONCE):
         for number, scores in zip(part.tolist(), _scores(views, part, views), strict=True):
             angles = _angles(scores)
-            is_near = (starts - starts[number]).norm(dim=1) < config.elsewhere.distance_m
-            is_level = torch.minimum(angles, 2 * math.pi - angles) < math.radians(config.elsewhere.angle_deg)
+            is_near = (starts - starts[number]).norm(dim=1) < DISTANCES.elsewhere.distance_m
+            is_level = torch.minimum(angles, 2 * math.pi - angles) < math.radians(DISTANCES.elsewhere.angle_deg)
             scores = scores.masked_fill(is_near[:, None] & is_level, -math.inf)
             others, angles = _best(scores, starts, config)
             found[number, : len(others)], turns[number, : len(others)] = others.int(), angles
@@ -64,7 +64,7 @@ def _best(scores: Tensor, starts: Tensor, config: AliasConfig) -> tuple[Tensor, 
     kept = best.argsort(descending=True)[: int((best >= config.least).sum())]
     angles = _angles(scores)[turn[kept]]
     turned = rotation_from_vector(torch.nn.functional.pad(angles[:, None], (2, 0)))
-    chosen = first_distinct(turned, starts[kept], config.elsewhere, count=config.most)
+    chosen = first_distinct(turned, starts[kept], DISTANCES.elsewhere, count=config.most)
     return kept[chosen], angles[chosen]
 
 

@@ -66,7 +66,7 @@ class Engine:
         """Return whether an answer is sure that the caller expects, or he wants no other: then nothing is searched."""
         if hints is None or hints.prior is None or len(queries) != 1:
             return False
-        contest.most_margin = self.config.prior.margin
+        contest.most_margin = self.config.refinement.margin
         if hints.prior.is_only:
             contest.add(poses_of_prior(queries[0], hints.prior))
             return True

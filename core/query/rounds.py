@@ -68,12 +68,16 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
 
 
 def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
-    """Return poses of the rig where the caller expects its first camera; beside it, and turned, as well where that is uncertain."""
-    index, rig, config = query.index, query.rig.pyramid, query.config.prior
+    """Return poses of the rig where the caller expects its first camera.
+
+    Refinement comes back from as far off as a pose is right; where the rig may be farther off, it begins beside it and turned as well.
+    """
+    index, rig = query.index, query.rig.pyramid
     camera = Pose.from_frame(prior.position_m, prior.quaternion_xyzw, prior.frame)
     rotation = torch.from_numpy(camera.rotation).to(index.starts) @ rig.rotations[0].T
     middle = torch.from_numpy(camera.position - index.origin_offset).to(index.starts) - rotation @ rig.centers[0]
-    reach_m, turn_deg = map(min, zip((prior.position_std_m, prior.orientation_std_deg), config.farthest, strict=True))
+    most = DISTANCES.elsewhere
+    reach_m, turn_deg = min(prior.position_std_m, most.distance_m), min(prior.orientation_std_deg, most.angle_deg)
     moves = [(0.0, 0.0, 0.0)]
     if reach_m > DISTANCES.right.distance_m:
         moves += [(reach_m, 0.0, 0.0), (-reach_m, 0.0, 0.0), (0.0, reach_m, 0.0), (0.0, -reach_m, 0.0)]

@@ -24,10 +24,12 @@ UNKNOWN = PaintedBox(seed=8, size_m=(3.4, 5.2, 2.7))
 
 
 @cache
-def with_limits(first_maps: int, most_maps: int) -> Localizer:
+def with_limits(first: int, most_maps: int) -> Localizer:
     """Return a localizer that looks at so many maps first, and at no more than that."""
     config = LocalizerConfig()
-    return Localizer(replace(config, search=replace(config.search, first_maps=first_maps, most_maps=most_maps)), "cpu")
+    return Localizer(
+        replace(config, search=replace(config.search, num_candidates=4 * first, most_maps=most_maps)), "cpu"
+    )
 
 
 class Boxes:
@@ -48,8 +50,8 @@ class Boxes:
         return [map_of(self._boxes[number]) for number in numbers]
 
 
-def among(boxes: Boxes, query: Panorama, first_maps: int, most_maps: int) -> Localization:
-    return localize_among(with_limits(first_maps, most_maps), rig_of(query), boxes, timeout_s=60)
+def among(boxes: Boxes, query: Panorama, first: int, most_maps: int) -> Localization:
+    return localize_among(with_limits(first, most_maps), rig_of(query), boxes, timeout_s=60)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from panoloc.core.config import AliasConfig
+from panoloc.core.config import DISTANCES, AliasConfig
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector
@@ -102,13 +102,13 @@ def test_no_place_is_an_alias_of_itself_and_those_of_a_start_are_different_place
             kept = [(index.starts[k], math.degrees(turn)) for k, turn in zip(others, turns, strict=True) if k >= 0]
             assert len(kept) == len(others) or others[len(kept) :] == [-1] * (len(others) - len(kept))
             for place, turn in kept:
-                is_turned = min(turn, 360 - turn) > CONFIG.elsewhere.angle_deg
-                assert is_turned or float((place - index.starts[number]).norm()) >= CONFIG.elsewhere.distance_m
+                is_turned = min(turn, 360 - turn) > DISTANCES.elsewhere.angle_deg
+                assert is_turned or float((place - index.starts[number]).norm()) >= DISTANCES.elsewhere.distance_m
             for k, (place, turn) in enumerate(kept):
                 for other, other_turn in kept[:k]:
                     between = abs((turn - other_turn + 180) % 360 - 180)
-                    far = float((place - other).norm()) >= CONFIG.elsewhere.distance_m
-                    assert far or between >= CONFIG.elsewhere.angle_deg - 0.1
+                    far = float((place - other).norm()) >= DISTANCES.elsewhere.distance_m
+                    assert far or between >= DISTANCES.elsewhere.angle_deg - 0.1
 
 
 @pytest.mark.parametrize(("box", "spacing_m"), [(OTHER_BOX, 0.5), (BOX, 0.8), (OTHER_BOX, 1.2), (BOX, 2.0)])

@@ -96,11 +96,11 @@ def test_integers_stay_whole_and_above_nothing_and_shares_stay_shares() -> None:
     assert len({method.digest for method in varied}) == len({method.name for method in varied}) == len(varied)
     assert PARAMETERS["focal.stated"].half is not None
     assert PARAMETERS["focal.stated"].double is None
-    base = compared_method("one=fast:lines.squares=1,search.first_maps=3")
-    one, three = parameters_like(base, ["lines.squares", "search.first_maps"])[::-1]
+    base = compared_method("one=fast:lines.squares=1,search.most_maps=3")
+    one, three = parameters_like(base, ["lines.squares", "search.most_maps"])[::-1]
     assert (one.name, one.half) == ("lines.squares", None)
     assert three.half is not None
-    assert three.half.config.search.first_maps == 2
+    assert three.half.config.search.most_maps == 2
 
 
 def test_the_paper_and_what_a_map_is_built_with_are_left_alone() -> None:
