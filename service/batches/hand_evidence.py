@@ -20,7 +20,6 @@ _UNMEASURED = Remark(
 _RIGHT_M, _RIGHT_DEG = 0.3, 10.0  # what `confidence` of an answer is about
 _MOST_OF_PAIRS = 0.95  # geometry knows nothing of points that were mistaken for others
 _MOST_UNCOMPARED = 0.8
-_MOST_OF_THREE = 0.5  # that always fit
 _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
 _AWAY = 3.0  # times the residuals of the clicked points, from which on a refined pose contradicts them
 _AWAY_PX = 10.0
@@ -51,12 +50,14 @@ def of_pairs(solved: Sequence[Resection], num_pairs: int) -> Evidence:
         )
     elif num_pairs == LEAST_PAIRS:
         words.append(
-            "three points always fit, so a wrong one shows neither in confidence nor in accuracy; click a fourth as a check"
+            "three points always fit, even wrong ones, so nothing says how accurate the pose is; click a fourth"
         )
-    most = _MOST_OF_THREE if num_pairs == LEAST_PAIRS else _MOST_OF_PAIRS
+    remarks = [Remark("placed_by_hand", each) for each in words]
+    if num_pairs == LEAST_PAIRS:
+        return Evidence(None, 0.0, None, remarks)
     accuracy = Accuracy(position_m=first.radius_m, orientation_deg=first.radius_deg, level=LEVEL)
     right = _share_within(_RIGHT_M, first.radius_m) * _share_within(_RIGHT_DEG, first.radius_deg) / len(solved)
-    return Evidence(None, round(min(right, most), 4), accuracy, [Remark("placed_by_hand", each) for each in words])
+    return Evidence(None, round(min(right, _MOST_OF_PAIRS), 4), accuracy, remarks)
 
 
 def uncompared(pairs: Evidence) -> Evidence:
