@@ -15,7 +15,7 @@ LEVEL = 0.68
 BY_HAND = Remark("placed_by_hand", "a person has placed this photo")
 _UNMEASURED = Remark(
     "placed_by_hand",
-    "the pose is as it was set by hand: nothing says how accurate it is; refine it, or click points in photo and scan",
+    "the pose is as it was set by hand: nothing says how accurate it is; points clicked in photo and scan would",
 )
 _RIGHT_M, _RIGHT_DEG = 0.3, 10.0  # what `confidence` of an answer is about
 _MOST_OF_PAIRS = 0.95  # geometry knows nothing of points that were mistaken for others
@@ -64,7 +64,9 @@ def uncompared(pairs: Evidence) -> Evidence:
     """Return what pairs say where the engine has not compared photo and scan: points that agree may all be mistaken for others."""
     if pairs.confidence <= _MOST_UNCOMPARED:
         return pairs
-    words = "photo and scan were not compared there, and points that agree may still be the wrong ones; refine the pose as a check"
+    words = (
+        "photo and scan were not compared there, and points that agree may still be the wrong ones; compare them by eye"
+    )
     return replace(pairs, confidence=_MOST_UNCOMPARED, warnings=[*pairs.warnings, Remark("placed_by_hand", words)])
 
 

@@ -11,6 +11,12 @@ export function sentence(said: string): string {
   return said.replace(/^[a-z_.\d]+: /, "").replace(/^./, (first) => first.toUpperCase()).replace(/([^.!?…])$/, "$1.");
 }
 
+/** How an answer stands; no confidence is told of what a person has confirmed. */
+export function verdictWords({ status, confidence, placed_by }: Pick<Answer, "status" | "confidence" | "placed_by">): string {
+  if (placed_by === "hand") return "Placed by hand";
+  return status === "localized" ? confidenceWords(confidence) : statusWords(status);
+}
+
 /** What a row of a list says of an answer. */
 export function answerWords(answer: Answer): string {
   const found = statusWords(answer.status);
