@@ -38,7 +38,7 @@ class Problem:
 
 INTERNAL = Problem("internal-error", "The service failed", 500, "Report it with the request id; the log has details.")
 MALFORMED = Problem("malformed-request", "The request cannot be read", 400, "Send what the API's description asks for.")
-INVALID = Problem("invalid-options", "Options are out of their range", 422, "Correct the named fields.")
+INVALID = Problem("invalid-options", "The request cannot be used as it is", 422, "Correct the named fields.")
 _LATER = "Send it again after Retry-After seconds."
 
 
@@ -191,7 +191,7 @@ class UploadTooLargeError(RequestError):
 
 
 class InvalidOptionsError(RequestError):
-    """Options or parameters are out of their range.
+    """Options or parameters that cannot be used: out of their range, or contradicting each other.
 
     fields: one `{"field": "hints.radius_m", "message": "…"}` for each that is wrong.
     """

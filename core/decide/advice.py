@@ -19,26 +19,26 @@ _HINTS_MAY_BE_WRONG = Remark(
 _PANORAMA_MAY_BE_WRONG = Remark(
     "check_image",
     "no pose fits the panorama well enough; if it shows this place, much of what it shows has changed, or it is no full sphere: "
-    "describe a crop or a stretched image in cameras",
+    "describe a crop or a stretched image (options.cameras)",
 )
 _CAMERA_MAY_BE_WRONG = Remark(
     "check_camera",
     "no pose fits the photo well enough; if it shows this place, much of what it shows has changed, or its field of view is not as given "
-    "(a crop, a zoom): let it be searched with hfov_range_deg (--hfov 45-90)",
+    "(a crop, a zoom): let it be searched within bounds (hfov_range_deg, --hfov 45-90)",
 )
 _FOCAL_LENGTH_IS_UNKNOWN = Remark(
     "accuracy_too_low",
-    "the field of view is not known well enough to say where the photo was taken; give it as hfov_deg (--hfov 69), or the intrinsics",
+    "the field of view is not known well enough to say where the photo was taken; give it (hfov_deg, --hfov 69), or the intrinsics",
 )
 _NOISE_IS_TOO_LARGE = Remark(
     "accuracy_too_low",
     "the field of view, or the tracking between images, is not known well enough to say where the first image was taken; "
-    "send hfov_deg or the intrinsics, more images, or a smaller position_noise_m",
+    "give the field of view (hfov_deg) or the intrinsics, more images, or a smaller noise of the tracking (position_noise_m)",
 )
 _CAMERAS_MAY_BE_WRONG = Remark(
     "check_camera",
     "no pose fits the images well enough; if they show this place, much of what they show has changed, "
-    "or cameras, session_from_camera or frame are not as given",
+    "or cameras or poses are not as given (options.cameras, session_from_camera, frame)",
 )
 
 

@@ -108,12 +108,12 @@ class Doubts:
         within: it may lie beyond."""
         if bound_deg is None:
             return found
-        at_bound = f"when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg (--hfov)"
+        at_bound = f"when it is {bound_deg:g} degrees wide, a bound of the range (hfov_range_deg, --hfov)"
         if found.status == "not_localized":
-            lost = f"nothing fits well enough; what fits best does so {at_bound}: widen the range if the photo may lie beyond"
+            lost = f"nothing fits well enough; what fits best does so {at_bound}: widen it if the photo may lie beyond"
             return replace(found, warnings=(*found.warnings, Remark("widen_hfov_range", lost)))
         confidence = 0.0 if found.best is None else found.best.confidence
-        words = f"the photo fits best {at_bound}; widen the range"
+        words = f"the photo fits best {at_bound}; widen it"
         return self._refused(found, confidence, Remark("widen_hfov_range", words))
 
     def _refused(self, found: Localization, confidence: float, warning: Remark | None = None) -> Localization:

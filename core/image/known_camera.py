@@ -69,8 +69,8 @@ def known_camera(image: ImageFile, data: bytes) -> Camera | Crop | None:
     raise PanoramaShapeError(
         f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) without "
         "camera data; for a panorama, export the full sphere, or keep the GPano crop fields of a partial one; for a "
-        "photo, keep the EXIF data (focal length in 35 mm terms), or send options.cameras with a model and its "
-        "intrinsics or hfov_deg (--hfov 69); for an unknown field of view, send bounds: hfov_range_deg (--hfov 45-90)"
+        "photo, keep the EXIF data (focal length in 35 mm terms), or send its camera (options.cameras): a model and its "
+        "intrinsics, or its field of view (hfov_deg, --hfov 69), or bounds of that (hfov_range_deg, --hfov 45-90)"
     )
 
 
@@ -114,8 +114,8 @@ def words_of_copy(image: Image.Image) -> tuple[str, ...]:
         raise PanoramaShapeError(
             f"image: expected the photo as it was taken, {taken[0]} x {taken[1]} px by its EXIF data, got {image.width} x "
             f"{image.height} px of another shape, with unknown focal length and centre; send the whole photo, or "
-            "options.cameras with the intrinsics of the crop (cx_px and cy_px give the centre); for a centred crop "
-            "hfov_range_deg suffices (--hfov 45-90)"
+            "the camera of the crop (options.cameras) with its intrinsics and centre (cx_px, cy_px); for a centred crop "
+            "bounds of its field of view suffice (hfov_range_deg, --hfov 45-90)"
         )
     if taken == image.size:
         return ()

@@ -12,6 +12,8 @@ from panoloc.core.scan.reading_context import ReadingContext
 from panoloc.core.scan.storeys import LEAST_STOREY_M
 
 HIGHEST_STOREY_M = 6.0
+LEAST_EXTENT_M = 0.5
+"""Of the longest side of a place."""
 JUDGED_UNITS: tuple[Unit, ...] = ("m", "ft", "cm", "mm")
 """Of these no two are right for the same storey."""
 _WORDS: dict[Unit, str] = {
@@ -92,6 +94,18 @@ def ask_assumed_unit(context: ReadingContext, seen: Seen) -> None:
         _choice(_WORDS[unit], {"unit": unit, "height_unit": unit}, seen.positions * METRES_PER_UNIT[unit], None)
         for unit in JUDGED_UNITS
     ]
+    context.ask("unit_doubtful", message, "Which unit are the coordinates in?", choices)
+
+
+def ask_tiny(context: ReadingContext, frame: ScanFrame, positions: Array) -> None:
+    """Ask for the unit where the one that was given makes the scan smaller than any place; positions: as it was given."""
+    extent = float(np.ptp(positions, axis=0).max())
+    message = f"In {_WORDS[_nearest(frame.metres)]}, as was given, the scan is only {100 * extent:.1f} cm long."
+    choices = []
+    for unit in JUDGED_UNITS:
+        scale = METRES_PER_UNIT[unit] / frame.metres
+        if extent * scale >= LEAST_EXTENT_M:
+            choices.append(_choice(_WORDS[unit], {"unit": unit, "height_unit": unit}, positions * scale, None))
     context.ask("unit_doubtful", message, "Which unit are the coordinates in?", choices)
 
 

@@ -13,9 +13,11 @@ from panoloc.core.options import METRES_PER_UNIT, Unit, UpAxis
 from panoloc.core.scan.doubts import (
     HIGHEST_STOREY_M,
     JUDGED_UNITS,
+    LEAST_EXTENT_M,
     Seen,
     ask_assumed_unit,
     ask_feet,
+    ask_tiny,
     ask_unit,
     ask_up_axis,
 )
@@ -51,6 +53,9 @@ def judge(
         return said
     frame, read_as = said.frame, said.read_as
     in_map = frame.to_map(positions)
+    if read_as.unit_from == "given" and np.ptp(in_map, axis=0).max() < LEAST_EXTENT_M:
+        ask_tiny(context, frame, in_map)
+        return said
     cells = surface_cells(in_map)
     looks = [look_along(cells, axis, in_map, brightness) for axis in range(3)]
     up, axis, is_sure = up_axis_of(looks)

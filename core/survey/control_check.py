@@ -78,7 +78,9 @@ def check_control(
     measured, map_heights = _measured(positions, place, undulation_m)
     warnings = []
     if measured is not None and len(heights | {map_heights}) > 1:
-        warnings.append(f"{_SAME_HEIGHT}, so `up` says little; state geoid_undulation_m")
+        warnings.append(
+            f"{_SAME_HEIGHT}, so the differences upwards say little; state the height of the geoid above the ellipsoid (geoid_undulation_m)"
+        )
     as_is = None
     if measured is not None and len(ecef):
         as_is = (measured - ecef) @ _axes_at(ecef.mean(axis=0))
@@ -99,7 +101,7 @@ def check_control(
             None,
             (
                 "a georeference has a height above the ellipsoid, and those of the points are not known to be one; "
-                "state geoid_undulation_m, or send heights above the ellipsoid"
+                "state how high the geoid is above it (geoid_undulation_m), or send heights above the ellipsoid"
             ),
         )
     return ControlCheck(True, as_is, fit, None, georeference, why, *_doubts(fit, used, warnings))

@@ -23,6 +23,7 @@ _SCALE_NOISE = 3.0  # times what the residuals explain
 UNITS = {0.3048: "feet", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
 _WORST_SHARE = 0.05  # of the extent of the points, that their residuals may be
 _SWAP = 0.2  # of the residuals, with which exchanged axes fit
+_WRONG = 0.33  # of what the others leave without any other point, that they leave without the wrong one
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,10 @@ def fit_level(positions: Array, known: Array, names: Sequence[str]) -> LevelFit:
     yaw, shift = _level(positions, known)
     residuals = _turned(positions, yaw) + shift - known
     scale = _scale(positions, known)
-    _check_scale(scale, residuals, known)
     left_out, rest = np.array([_left_out(positions, known, number) for number in range(len(known))]).T
-    _check_residuals(positions, known, residuals, names[int(left_out.argmax())])
+    suspect = _suspect_words(rest, names)
+    _check_scale(scale, residuals, known, suspect)
+    _check_residuals(positions, known, residuals, suspect)
     return LevelFit(
         yaw, shift, residuals, left_out, rest, scale, abs(scale - 1) * _size(positions), _tilt_deg(positions, known)
     )
@@ -130,7 +132,16 @@ def _check_figure(positions: Array, known: Array, names: Sequence[str]) -> None:
             )
 
 
-def _check_scale(scale: float, residuals: Array, known: Array) -> None:
+def _suspect_words(rest_rms_m: Array, names: Sequence[str]) -> str | None:
+    """Return what to check of the point without which the others fit far better than without any other; None where there is none."""
+    suspect, second = np.argsort(rest_rms_m)[:2]
+    if len(names) <= LEAST_POINTS or rest_rms_m[suspect] > _WRONG * rest_rms_m[second]:
+        return None
+    fit = f"without {names[suspect]} the others fit to {rest_rms_m[suspect]:.3f} m"
+    return f"{fit}: check its coordinates and its place in the scan, or remove it"
+
+
+def _check_scale(scale: float, residuals: Array, known: Array, suspect: str | None) -> None:
     size = _size(known)
     if abs(scale - 1) <= _SCALE_ERROR:
         return
@@ -142,14 +153,15 @@ def _check_scale(scale: float, residuals: Array, known: Array) -> None:
     ]
     if not guesses and abs(scale - 1) * size < _SCALE_NOISE * float(np.sqrt(np.square(residuals).mean())):
         return  # of points that fit badly anyway: `_check_residuals` says so
-    why = guesses[0] if guesses else "which no unit explains: compare one distance in scan and list"
+    why = suspect or "which no unit explains: compare one distance in scan and list"
+    if guesses:
+        why = f"{guesses[0]}; correct the unit of the scan or of the coordinates"
     raise OptionsError(
-        f"points: expected distances as in the map, got known coordinates whose distances are {scale:.4g} times those, {why}; "
-        "correct the unit of the scan or of the coordinates"
+        f"points: expected distances as in the map, got known coordinates whose distances are {scale:.4g} times those, {why}"
     )
 
 
-def _check_residuals(positions: Array, known: Array, residuals: Array, worst: str) -> None:
+def _check_residuals(positions: Array, known: Array, residuals: Array, suspect: str | None) -> None:
     rms = float(np.sqrt(np.square(residuals).sum(axis=1).mean()))
     extent = float(np.linalg.norm(np.ptp(known, axis=0)))
     if rms <= _WORST_SHARE * extent:
@@ -159,10 +171,8 @@ def _check_residuals(positions: Array, known: Array, residuals: Array, worst: st
     swapped = float(np.sqrt(np.square(_turned(positions, yaw) + shift - exchanged).sum(axis=1).mean()))
     if swapped < _SWAP * rms:
         why = "with x and y exchanged they fit: name the columns, for some surveyors write north before east"
-    elif len(known) > LEAST_POINTS:
-        why = f"{worst} fits worst to the others: check its coordinates and its place in the scan"
     else:
-        why = "check their coordinates, their order and their places in the scan"
+        why = suspect or "check their coordinates, their order and their places in the scan"
     raise OptionsError(
         f"points: expected points that fit together, got residuals of {rms:.2f} m over {extent:.1f} m; {why}"
     )

@@ -40,6 +40,7 @@ _PLAUSIBLE = 3.0  # times the misfit of the best pose, and one click
 _MISFIT_DEG = 2.0
 _WRONG_PX = 3 * CLICK_PX  # of the largest residual, from which on a pair may be wrong rather than clicked badly
 _WRONG_TIMES = 9.0  # squares that leaving out any other pair leaves, to those without the wrong one
+_MOST_NAMED = 2  # of those that may be wrong
 _MOST_TRIED = 8  # of the pairs with the largest residuals
 _TILT_DEG = 25.0
 _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
@@ -82,7 +83,7 @@ def resect(camera: Camera, pixels: Array, points: Array) -> list[Resection]:
     if found[0].radius_m > _MOST_RADIUS_M:
         raise OptionsError(
             f"pairs: expected points that fix the camera to half a metre, got some that leave {found[0].radius_m:.1f} m open; "
-            "click points farther apart, near ones too, and not all in one line or on one circle with the camera"
+            f"{_what_to_click(found[0].residuals_px)}"
         )
     found = [found[0], *(each for each in found[1:] if each.tilt_deg < _TILT_DEG)]
     return [replace(each, suspect=suspect) for each in found]
@@ -91,6 +92,15 @@ def resect(camera: Camera, pixels: Array, points: Array) -> list[Resection]:
 def suspect_words(number: int) -> str:
     """Return what to do about a pair, counted from 0, that contradicts the others."""
     return f"pair {number + 1} does not fit the others: click it again in photo and scan, or remove it"
+
+
+def _what_to_click(off_px: Array) -> str:
+    """Return what to do about points that leave a camera open; off_px: (n,) residuals."""
+    if off_px.max() < _WRONG_PX:
+        return "click points farther apart, near ones too, and not all in one line, on one wall or on one circle with the camera"
+    worst = [number for number in np.argsort(-off_px)[:_MOST_NAMED].tolist() if off_px[number] >= _WRONG_PX]
+    named = " and ".join(f"pair {number + 1} ({off_px[number]:.0f} px off)" for number in worst)
+    return f"click {named} again in photo and scan, for they fit the others worst"
 
 
 def residuals_px(camera: Camera, pose: Pose, pixels: Array, points: Array) -> Array:

@@ -15,12 +15,11 @@ LEVEL = 0.68
 BY_HAND = Remark("placed_by_hand", "a person has placed this photo")
 _UNMEASURED = Remark(
     "placed_by_hand",
-    "the pose is as it was set by hand: nothing says how accurate it is; refine it, or click points in photo and scan",
+    "the pose is as it was set by hand: nothing says how accurate it is; points clicked in photo and scan would",
 )
 _RIGHT_M, _RIGHT_DEG = 0.3, 10.0  # what `confidence` of an answer is about
 _MOST_OF_PAIRS = 0.95  # geometry knows nothing of points that were mistaken for others
 _MOST_UNCOMPARED = 0.8
-_MOST_OF_THREE = 0.5  # that always fit
 _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
 _AWAY = 3.0  # times the residuals of the clicked points, from which on a refined pose contradicts them
 _AWAY_PX = 10.0
@@ -51,19 +50,23 @@ def of_pairs(solved: Sequence[Resection], num_pairs: int) -> Evidence:
         )
     elif num_pairs == LEAST_PAIRS:
         words.append(
-            "three points always fit, so a wrong one shows neither in confidence nor in accuracy; click a fourth as a check"
+            "three points always fit, even wrong ones, so nothing says how accurate the pose is; click a fourth"
         )
-    most = _MOST_OF_THREE if num_pairs == LEAST_PAIRS else _MOST_OF_PAIRS
+    remarks = [Remark("placed_by_hand", each) for each in words]
+    if num_pairs == LEAST_PAIRS:
+        return Evidence(None, 0.0, None, remarks)
     accuracy = Accuracy(position_m=first.radius_m, orientation_deg=first.radius_deg, level=LEVEL)
     right = _share_within(_RIGHT_M, first.radius_m) * _share_within(_RIGHT_DEG, first.radius_deg) / len(solved)
-    return Evidence(None, round(min(right, most), 4), accuracy, [Remark("placed_by_hand", each) for each in words])
+    return Evidence(None, round(min(right, _MOST_OF_PAIRS), 4), accuracy, remarks)
 
 
 def uncompared(pairs: Evidence) -> Evidence:
     """Return what pairs say where the engine has not compared photo and scan: points that agree may all be mistaken for others."""
     if pairs.confidence <= _MOST_UNCOMPARED:
         return pairs
-    words = "photo and scan were not compared there, and points that agree may still be the wrong ones; refine the pose as a check"
+    words = (
+        "photo and scan were not compared there, and points that agree may still be the wrong ones; compare them by eye"
+    )
     return replace(pairs, confidence=_MOST_UNCOMPARED, warnings=[*pairs.warnings, Remark("placed_by_hand", words)])
 
 

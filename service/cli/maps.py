@@ -216,7 +216,8 @@ def control_points(
 ) -> int:
     """Check a map against control points: residuals and their root mean square, as it stands and after the best fit.
 
-    Places in the scan come from the CSV, or are clicked in the console under "Control points". --apply needs three or more of them.
+    The points of a CSV are stored with the map, in place of those it had. Places in the scan come from the CSV, or are clicked in the
+    console under "Control points". --apply needs three or more of them.
     """
     session = Session.of(ctx, json)
     body: JsonObject | None = None

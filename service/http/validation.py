@@ -72,7 +72,7 @@ def validation_error(
         return MalformedRequestError(f"{where or 'body'}: expected JSON, but {reason}; send valid JSON")
     fields = [_field(each, skip, where, model) for each in found[:_MOST_MESSAGES]]
     text = "; ".join(f"{each['field']}: {each['message']}" for each in fields)
-    return InvalidOptionsError(f"{text}. Correct the named fields, see /docs", fields)
+    return InvalidOptionsError(f"{text}. Correct the named fields (see /docs)", fields)
 
 
 @contextmanager

@@ -26,7 +26,7 @@ class VisibleMaps:
             "(shared_with)"
             raise MapNotFoundError(
                 f"expected the id of a map, got {map_id[:80]!r}, which is unknown or deleted{others}; "
-                "GET /maps lists the maps"
+                "see the list of maps (GET /maps)"
             )
         return record
 

@@ -206,7 +206,7 @@ def test_a_photo_of_another_place_among_right_ones_is_told_by_its_agreement() ->
 def test_what_fits_nowhere_is_said_with_what_may_be_wrong() -> None:
     one = Rig.of_photo(SESSION.images[0].photo)
     (of_one,), (of_several,) = why_nothing_fits(one, None), why_nothing_fits(SESSION, None)
-    assert "hfov_range_deg (--hfov 45-90)" in of_one
+    assert "(hfov_range_deg, --hfov 45-90)" in of_one
     assert "session_from_camera" in of_several
     assert len(why_nothing_fits(one, Hints(upright=True))) == 2
     (of_panorama,) = why_nothing_fits(rig_of(panorama()), None)

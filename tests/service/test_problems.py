@@ -75,7 +75,7 @@ def test_a_document_bears_message_and_request_id() -> None:
     error = InvalidOptionsError("top_k: too large", [{"field": "top_k", "message": "too large"}])
     assert problem_document(error, "req_1") == {
         "type": "/problems/invalid-options",
-        "title": "Options are out of their range",
+        "title": "The request cannot be used as it is",
         "status": 422,
         "detail": "top_k: too large",
         "request_id": "req_1",

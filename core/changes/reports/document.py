@@ -7,7 +7,7 @@ from fpdf import FPDF
 from fpdf.fonts import FontFace
 from PIL import Image
 
-from panoloc.core.changes.reports.report import ChangeReport, color_of, kind_words, place_words, size_words
+from panoloc.core.changes.reports.report import ChangeReport, color_of, floor_words, kind_words, place_words, size_words
 
 _MARGIN_MM = 15.0
 _WIDTH_MM = 210.0 - 2 * _MARGIN_MM
@@ -69,10 +69,16 @@ def _first_page(pdf: FPDF, report: ChangeReport) -> None:
     ) as table:
         table.row(("#", "Change", "Place x, y, z (m)", "Size", "Floor", "Certainty", "Photos"))
         for number, each in enumerate(report.objects, 1):
-            floor = "" if each["floor"] is None else str(each["floor"])
             seen = f"{each['certainty']:.0%}", str(each["num_photos"])
             table.row(
-                (str(number), kind_words(each), place_words(each, "\n"), size_words(each["size_m"]), floor, *seen)
+                (
+                    str(number),
+                    kind_words(each),
+                    place_words(each, "\n"),
+                    size_words(each["size_m"]),
+                    floor_words(each),
+                    *seen,
+                )
             )
 
 

@@ -137,3 +137,8 @@ def _position_words(position_m: Sequence[float], grid: dict[str, Any] | None) ->
 def size_words(size_m: Sequence[float]) -> str:
     """Return a size in words."""
     return " x ".join(f"{value:.2f}" for value in size_m) + " m"
+
+
+def floor_words(each: dict[str, Any]) -> str:
+    """Return the floor, counted from 1 for the lowest; empty if none is known."""
+    return "" if each["floor"] is None else str(each["floor"] + 1)

@@ -4,7 +4,7 @@ import base64
 from html import escape
 from typing import Any
 
-from panoloc.core.changes.reports.report import ChangeReport, color_of, kind_words, place_words, size_words
+from panoloc.core.changes.reports.report import ChangeReport, color_of, floor_words, kind_words, place_words, size_words
 
 _STYLE = """
 :root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
@@ -43,11 +43,10 @@ def as_html(report: ChangeReport) -> bytes:
 
 
 def _row(number: int, each: dict[str, Any]) -> str:
-    floor = "" if each["floor"] is None else str(each["floor"])
     return (
         f'<tr><td class="n"><a href="#o{number}">{number}</a></td><td>{_kind(each)}</td>'
         f'<td class="n">{place_words(each, "<br>")}</td><td class="n">{size_words(each["size_m"])}</td>'
-        f'<td class="n">{floor}</td><td class="n">{each["certainty"]:.0%}</td><td class="n">{each["num_photos"]}</td></tr>'
+        f'<td class="n">{floor_words(each)}</td><td class="n">{each["certainty"]:.0%}</td><td class="n">{each["num_photos"]}</td></tr>'
     )
 
 

@@ -97,6 +97,7 @@ def test_the_page_stands_alone_and_escapes_names(tmp_path: Path) -> None:
     assert "1 came, 1 went, 1 moved; 1 unsure" in page
     assert page.count(">came?<") == 2  # in the list, and beside its picture
     assert page.count("data:image/jpeg") == len(OBJECTS)
+    assert page.count('<td class="n">1</td>') == len(OBJECTS)  # the lowest floor, as on the console's plan
     assert "http" not in page
     assert "<script" not in page
 

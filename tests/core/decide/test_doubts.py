@@ -77,7 +77,7 @@ def test_an_image_without_edges_is_nowhere(before: Status, edges_deg: float | No
 
 def test_a_bound_of_the_field_of_view_is_named() -> None:
     answer = DOUBTS.unless_at_bound(found(), 80.0)
-    said = "the photo fits best when it is 80 degrees wide, a bound of hfov_range_deg (--hfov); widen the range"
+    said = "the photo fits best when it is 80 degrees wide, a bound of the range (hfov_range_deg, --hfov); widen it"
     assert (answer.status, answer.warnings) == ("not_localized", (said,))
     assert DOUBTS.unless_at_bound(found(), None).warnings == ()
     # Where nothing fits, the bound is no reason but a hint.

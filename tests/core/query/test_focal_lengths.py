@@ -245,7 +245,7 @@ def test_a_photo_that_is_beyond_its_bounds_is_not_localized_and_the_bound_is_nam
 ) -> None:
     found = localized(of_unknown_field_of_view(bounds_deg))
     assert found.status == "not_localized"
-    assert any(f"{bound} degrees wide, a bound of hfov_range_deg" in words for words in found.warnings)
+    assert any(f"{bound} degrees wide, a bound of the range (hfov_range_deg" in words for words in found.warnings)
 
 
 @pytest.mark.slow
@@ -259,4 +259,4 @@ def test_the_radius_tells_what_the_focal_length_leaves_open_and_anything_is_no_a
     assert "field of view" in words
     assert "not known well enough" in words
     assert "more images" not in words
-    assert "(--hfov" in words
+    assert "--hfov" in words

@@ -92,6 +92,15 @@ def test_what_is_given_wins_and_a_contradiction_is_said(options: dict[str, Any],
     assert questions_of(found) == []
 
 
+def test_a_given_unit_that_makes_a_toy_of_a_room_is_asked_about() -> None:
+    (asked,) = questions_of(read("scan.ply", file_of(room()), unit="mm"))
+    assert asked.question is not None
+    sides = {choice["patch"]["unit"]: choice["extent_m"][0] for choice in asked.question["choices"]}
+    assert "mm" not in sides
+    assert sides["m"] == pytest.approx(float(np.ptp(room().positions[:, 0])), abs=0.01)
+    assert questions_of(read("scan.ply", file_of(room()), unit="m")) == []
+
+
 def test_far_from_the_origin_it_is_asked_which_feet() -> None:
     cloud = replace(room(), origin_offset=np.array([1_900_000.0, 560_000.0, 0.0]))
     feet = replace(

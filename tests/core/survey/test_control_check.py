@@ -120,7 +120,7 @@ def test_coordinates_of_a_grid_without_its_name_are_asked_for_it() -> None:
         (plain(CORNERS * 0.001), "as if the positions of the map were in millimetres"),
         (plain(CORNERS * 1.5), "which no unit explains"),
         (plain(CORNERS[:, [1, 0, 2]]), "with x and y exchanged they fit"),
-        (plain(np.vstack([CORNERS[:3], [[26, 29, 6]]])), "P3 fits worst|no unit explains"),
+        (plain(np.vstack([CORNERS[:3], [[26, 29, 6]]])), "without P3 the others fit"),
     ],
 )
 def test_points_that_fix_nothing_are_refused_with_what_is_wrong(points: list[ControlPoint], words: str) -> None:
@@ -159,6 +159,15 @@ def test_the_point_without_which_the_others_fit_is_named_and_the_scale_told() ->
     assert re.search(r"^P3 is (0.9|1.0)\d m from where the other points put it", found.warnings[0]), found.warnings
     assert "ppm longer than in the scan" in found.warnings[1]
     assert checked(plain(house, house + clicks)).warnings == ()
+
+
+def test_a_grossly_wrong_point_is_named_and_none_where_two_are() -> None:
+    room = np.array([[7.7, 2.3, 2.4], [0.2, 0.3, 0.1], [5.3, 1.1, 1.4], [6.4, 1.7, 0.6], [5.8, 2.4, 0.4]])
+    known = room + np.random.default_rng(2).normal(0, 0.002, room.shape)
+    known[4] += [5, 0.6, 3.3]
+    assert "without P4 the others fit to 0.00" in (checked(plain(known, room)).no_fit or "")
+    known[1] += [-6, 4, 0]
+    assert not re.search(r"without P\d", checked(plain(known, room)).no_fit or "without P4")
 
 
 @pytest.mark.parametrize(("num_points", "click_m"), [(5, 0.01), (8, 0.01), (8, 0.02), (12, 0.02)])

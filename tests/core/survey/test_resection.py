@@ -79,7 +79,7 @@ def test_three_points_leave_several_poses_and_the_level_one_comes_first() -> Non
         (CORNERS[:2], "expected 3 to 100 pairs, got 2"),
         (np.array([[0.0, 0, 1], [1, 0, 1], [2, 0.001, 1], [3, 0, 1]]), "in one line"),
         (CORNERS[[0, 1, 2, 2]], "^pairs: .*pairs 3 and 4 at nearly the same place"),
-        (np.array([[5.9, 1.9, 1.5], [5.9, 2.0, 1.6], [5.9, 1.8, 1.7]]), "leave"),
+        (np.array([[5.9, 1.9, 1.5], [5.9, 2.0, 1.6], [5.9, 1.8, 1.7]]), "leave .* on one wall"),
     ],
 )
 def test_points_that_fix_no_pose_are_refused_with_what_to_click(points: Array, words: str) -> None:
@@ -102,6 +102,15 @@ def test_a_point_that_is_a_little_wrong_is_named_beside_the_pose() -> None:
     assert resect(PHOTO, clicked, points)[0].suspect is None
     clicked[2] += [60, 30]
     assert resect(PHOTO, clicked, points)[0].suspect == 2
+
+
+def test_of_inexact_points_that_leave_the_camera_open_the_worst_are_named() -> None:
+    wall = np.array([[5.9, y, z] for y, z in ((3.1, 0.5), (4.9, 2.2), (3.9, 1.2), (4.6, 0.4), (3.2, 2.3), (4.2, 2.0))])
+    pixels = seen(PHOTO, Pose(turned(0.7), POSITION), wall)
+    wrong = wall.copy()
+    wrong[[2, 5], 2] += [0.15, -0.15]
+    with pytest.raises(OptionsError, match=r"half a metre.*pair 3 \(\d+ px off\) and pair 6 \(\d+ px off\) again"):
+        resect(PHOTO, pixels, wrong)
 
 
 def test_of_four_points_none_is_named() -> None:

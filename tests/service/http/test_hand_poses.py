@@ -217,5 +217,5 @@ async def test_pairs_count_for_no_more_than_photo_and_scan_agree_there(
 async def test_three_pairs_have_nothing_that_checks_them(running: RunningService) -> None:
     _, path = await lost_photo(running)
     given = (await running.client.post(path, json={"pairs": pairs(3), "refine": False})).json()["given"]
-    assert given["confidence"] <= 0.5
-    assert "a wrong one shows neither" in given["warnings"][0] or "click one more" in given["warnings"][0]
+    assert (given["confidence"], given["accuracy"]) == (0, None)
+    assert "nothing says how accurate" in given["warnings"][0] or "click one more" in given["warnings"][0]

@@ -6,9 +6,18 @@ export function statusWords(status: Answer["status"]): string {
   return { localized: "Found", ambiguous: "Several places fit", not_localized: "Not found" }[status];
 }
 
-/** What the service says, as a sentence: without the name of the field at fault before it, which programs read. */
+/** What programs read, in brackets: fields, options of the command line, paths. */
+const FOR_PROGRAMS = / \((?:(?:--[a-z]|frame|options\.|[a-z]+(?:_[a-z]+)+(?![\w.])|see \/|[A-Z]+ \/)[^(),]*(?:, )?)+\)/g;
+
+/** What the service says, as a sentence: without the name of the field at fault before it, and without what else programs read. */
 export function sentence(said: string): string {
-  return said.replace(/^[a-z_.\d]+: /, "").replace(/^./, (first) => first.toUpperCase()).replace(/([^.!?…])$/, "$1.");
+  return said.replace(/^[a-z_.\d]+: /, "").replace(FOR_PROGRAMS, "").replace(/^./, (first) => first.toUpperCase()).replace(/([^.!?…])$/, "$1.");
+}
+
+/** How an answer stands; no confidence is told of what a person has confirmed. */
+export function verdictWords({ status, confidence, placed_by }: Pick<Answer, "status" | "confidence" | "placed_by">): string {
+  if (placed_by === "hand") return "Placed by hand";
+  return status === "localized" ? confidenceWords(confidence) : statusWords(status);
 }
 
 /** What a row of a list says of an answer. */

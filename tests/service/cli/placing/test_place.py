@@ -116,7 +116,9 @@ def test_a_busy_service_is_waited_for(place: Panoloc, fake: FakeService, monkeyp
     "refusal",
     [
         problem(404, "There is no such map", "expected the id of a map, got map_9"),
-        problem(422, "Options are out of their range", "hfov_deg: expected less than map_9", kind="invalid-options"),
+        problem(
+            422, "The request cannot be used as it is", "hfov_deg: expected less than map_9", kind="invalid-options"
+        ),
     ],
     ids=["of the map", "of the options"],
 )
