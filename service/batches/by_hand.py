@@ -118,9 +118,11 @@ class HandPlacing:
         given, refined = photo.placed(guess.pose, evidence), photo.placed(pose, of_engine(answer))
         doubts = contradictions(given.residuals_px, refined.residuals_px)
         refined.evidence.warnings.extend(doubts)
-        # Clicked points are worth more than a refinement that the scan hardly supports; a rough pose is not, unless that leaves it.
+        # Clicked points are worth more than a refinement that leaves them, unless there are three, which always fit, or that the scan
+        # hardly supports; a rough pose is not, unless that leaves it.
         is_left = moved.position_m > by_hand.position_std_m or moved.orientation_deg > by_hand.orientation_std_deg
-        is_doubted = bool(doubts) or (answer.status != "localized" and (by_hand.pairs is not None or is_left))
+        contradicted = bool(doubts) and guess.evidence.accuracy is not None
+        is_doubted = contradicted or (answer.status != "localized" and (by_hand.pairs is not None or is_left))
         return Placement(
             given,
             refined,

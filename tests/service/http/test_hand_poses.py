@@ -142,6 +142,11 @@ async def test_a_refined_pose_that_leaves_the_clicked_points_is_doubted(running:
     for confirm, stored in ((True, "given"), ("refined", "refined"), ("given", "given")):
         found = (await running.client.post(path, json={"pairs": pairs(), "confirm": confirm})).json()
         assert found["item"]["answer"]["pose"] == found[stored]["pose"]
+    # Three points always fit: a pose that is sure is worth more.
+    running.pool.outcome_of = outcome_of
+    for count, better in ((4, "given"), (3, "refined")):
+        found = (await running.client.post(path, json={"pairs": pairs(count)})).json()
+        assert (found["refined"]["rms_px"] > 50, found["better"]) == (True, better)
 
 
 async def test_what_was_placed_is_exported_and_outlives_the_service(serve: Serve) -> None:
