@@ -76,7 +76,7 @@ def localize_among(
     `Localizer.localize`; what `maps` raises is passed on.
     """
     search = localizer.config.search
-    began, few, most = time.monotonic(), search.num_candidates // 4, search.most_maps
+    began, few, most = time.monotonic(), max(1, search.num_candidates // 4), search.most_maps
     ranked, portions, timings_s = list(range(len(maps))), [len(maps)], defaultdict[str, float](float)
     total, is_telling = num_maps or len(maps), True
     # To look for the likeliest takes as long as to search as many again.

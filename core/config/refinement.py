@@ -41,9 +41,10 @@ class RefinementConfig:
     """Refinement coarse to fine (see `panoloc.core.query.refinement`). Iterations: at most; rows: of a sphere."""
 
     # Coarse, on what starts see, at half the rows of a view and at all of them: points, of what a rig shows that covers `coarse_share` or
-    # less, more of others, at most as many as in medium rounds; around what images show, likewise dense, a margin that poses may turn.
+    # less, more of others; around what images show, likewise dense, a margin that poses may turn.
     coarse_points: int = 400
     coarse_share: float = 0.085
+    most_coarse_points: int = 1600
     coarse_margin_deg: float = 35.0
     coarse_step: StepConfig = StepConfig(damping=0.1, max_step_m=0.3, robust_scale=2.0)
     # Of local contrast in the colours that are aligned: most where poses may lie far off in another light; half of it in medium rounds, and
@@ -80,4 +81,4 @@ class RefinementConfig:
 
     def coarse_points_of(self, share: float) -> int:
         """Return how many points are aligned on what starts see, of a rig that covers a `share` of the sphere."""
-        return min(self.medium_points, round(max(1.0, share / self.coarse_share) * self.coarse_points))
+        return min(self.most_coarse_points, round(max(1.0, share / self.coarse_share) * self.coarse_points))
