@@ -4,6 +4,7 @@ import http.server
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import httpx
@@ -66,18 +67,17 @@ class Names:
         threading.Thread(target=self._answer, daemon=True).start()
 
     def _answer(self) -> None:
-        while True:
-            try:
+        with suppress(OSError):  # of a socket that was closed, between a question and its answer as well
+            while True:
                 query, client = self.socket.recvfrom(512)
-            except OSError:
-                return
-            question = query[12 : query.index(b"\0", 12) + 5]
-            records = [
-                b"\xc0\x0c\x00\x01\x00\x01\x00\x00\x00\x01\x00\x04" + socket.inet_aton(each) for each in self.addresses
-            ]
-            flags = b"\x81\x80" if records else b"\x81\x83"
-            counts = b"\x00\x01" + len(records).to_bytes(2, "big") + b"\0\0\0\0"
-            self.socket.sendto(query[:2] + flags + counts + question + b"".join(records), client)
+                question = query[12 : query.index(b"\0", 12) + 5]
+                records = [
+                    b"\xc0\x0c\x00\x01\x00\x01\x00\x00\x00\x01\x00\x04" + socket.inet_aton(each)
+                    for each in self.addresses
+                ]
+                flags = b"\x81\x80" if records else b"\x81\x83"
+                counts = b"\x00\x01" + len(records).to_bytes(2, "big") + b"\0\0\0\0"
+                self.socket.sendto(query[:2] + flags + counts + question + b"".join(records), client)
 
 
 class Setting:
