@@ -53,7 +53,8 @@ class RefinementConfig:
     # Medium, on what poses themselves see, found anew in each round as what a pose sees changes with it. Changed furniture loses its vote;
     # where poses are nearly right points keep it: they come half as near without.
     margin_deg: float = 8.0
-    margin: float = 0.35  # of the best score; candidates further behind it never won
+    # Of the best score: candidates further behind it never won, and where nothing else was looked at a pose is taken to be so far ahead.
+    margin: float = 0.35
     medium_points: int = 2048
     medium_rounds: tuple[MediumRound, ...] = (
         MediumRound(64, 22.5, 2.0),
