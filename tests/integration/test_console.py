@@ -356,6 +356,9 @@ def test_a_lost_photo_is_placed_by_points_clicked_in_photo_and_scan(
     said = wide.get_by_role("region", name="Where it is").get_by_role("status")
     photo, solve = wide.get_by_role("application", name="lost.jpg"), wide.get_by_role("button", name="Solve and refine")
     for number, (right, down) in enumerate([(0.35, 0.4), (0.65, 0.42), (0.5, 0.6), (0.4, 0.7)], 1):
+        if number == 4:
+            wide.get_by_role("button", name="Stand inside").click()
+            assert eventually(lambda: scene_state(wide)["isStanding"], 10)
         scan = known(wide.locator("canvas[data-scene]").bounding_box())
         wide.mouse.click(scan["x"] + right * scan["width"], scan["y"] + down * scan["height"])
         expect(said).to_contain_text(f"Now click point {number}, at")
@@ -392,7 +395,15 @@ def test_a_lost_photo_is_dragged_to_its_place_and_that_can_be_undone(
     wide.mouse.move(box["x"] + (x + 0.3 - left) * per_metre, box["y"] + (top - y + 0.2) * per_metre, steps=3)
     wide.mouse.up()
     yaw, pitch, roll = (round(math.degrees(angle)) for angle in small_room().pose.yaw_pitch_roll)
-    for name, degrees in (("Looks to", yaw + 10), ("Looks up", 4 - pitch), ("Right side down", roll - 4)):
+    arrow = known(plan.locator(".turning path").bounding_box())
+    wide.mouse.move(arrow["x"] + arrow["width"] / 2, arrow["y"] + arrow["height"] / 2)
+    wide.mouse.down()
+    towards = math.radians(yaw + 10)
+    right, down = x + 0.3 + math.cos(towards) - left, top - y + 0.2 - math.sin(towards)
+    wide.mouse.move(box["x"] + right * per_metre, box["y"] + down * per_metre, steps=3)
+    wide.mouse.up()
+    assert abs(float(wide.get_by_label("Looks to").input_value()) - (yaw + 10)) < 3
+    for name, degrees in (("Looks up", 4 - pitch), ("Right side down", roll - 4)):
         wide.get_by_label(name).fill(str(degrees))
     wide.get_by_label("Height, m").fill(f"{z + 0.15:.2f}")
     wide.get_by_role("button", name="Refine").click()
