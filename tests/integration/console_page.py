@@ -97,7 +97,7 @@ def serious_faults(page: Page) -> list[str]:
     Style sheets are not fetched once more: a page in a folder may not.
     """
     page.evaluate(AXE.read_text(encoding="utf-8"))
-    found = page.evaluate("axe.run(document, {preload: false})")["violations"]
+    found = page.evaluate("axe.run(document, {preload: false, resultTypes: ['violations']})")["violations"]
     return [
         f"{fault['id']}: {node['html'][:200]}"
         for fault in found
