@@ -13,7 +13,6 @@ class SearchConfig:
     # pass by patches twice as large again discards most starts.
     wide_share: float = 0.6
     kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
-    kept_starts: int = 128  # never fewer
     # The poses that patches like best are scored again by pixels, all together so many.
     rescored_pixels: int = 300_000  # and those of each translation grid
     # Of the score by patches, added to that by pixels (docs/experiments.md); twice that with lines.

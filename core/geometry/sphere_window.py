@@ -15,7 +15,7 @@ from torch import Tensor
 from panoloc.core.geometry.projection import pixel_solid_angles, project
 
 _ROUNDING = 1e-6  # of a cell
-_SECTORS = 720  # of the horizon, in which its used part is told from the rest
+_SECTORS = 720  # of the horizon, to which its used part is rounded up
 
 CELLS = 8  # rows of squares that windows are made of, twice as many columns: coarse images and patches keep their pixels whole
 

@@ -86,7 +86,7 @@ def open_image(data: bytes, upload: Upload, max_pixels: int) -> "ImageFile":
     if kind is None:
         advice = "convert it to one of them" if data else "its content was not saved or not sent; check the file"
         if _is_text(data):
-            advice = "send the content of the file, not its name (in curl, write @ before the name)"
+            advice = "send the content of the file, not its name (curl: write @ before the name)"
         raise upload.format_error(
             f"{upload.name}: expected a {KNOWN_FORMATS} image, got {_description(data)}; {advice}"
         )

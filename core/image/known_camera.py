@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from PIL import Image
 from PIL.ImageFile import ImageFile
 
-from panoloc.core.camera.camera import Camera, have_one_shape
+from panoloc.core.camera.camera import Camera, CameraDescription, have_one_shape
 from panoloc.core.errors import PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
 from panoloc.core.image.image_header import numbered
 
@@ -48,6 +48,14 @@ def check_known_cameras(images: Sequence[ImageFile], files: Sequence[bytes]) -> 
         if image.format == "JPEG":
             with numbered(number, len(images)):
                 known_camera(image, data)
+
+
+def described_for(image: ImageFile, data: bytes, described: CameraDescription | None) -> CameraDescription | None:
+    """Return how a caller describes the camera of an image; None where the file says it. Raises as `crop_fields` and `upright_size` do."""
+    if described is None or not described.unless_panorama:
+        return described
+    is_panorama = crop_fields(image, data) is not None or is_full_sphere(upright_size(image))
+    return None if is_panorama else described
 
 
 def known_camera(image: ImageFile, data: bytes) -> Camera | Crop | None:

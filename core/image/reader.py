@@ -27,7 +27,7 @@ from panoloc.core.image.image_file import (
 )
 from panoloc.core.image.image_header import IMAGE
 from panoloc.core.image.invalid_regions.finding import find_missing
-from panoloc.core.image.known_camera import known_camera, rounding_share, upright_size, words_of_copy
+from panoloc.core.image.known_camera import described_for, known_camera, rounding_share, upright_size, words_of_copy
 from panoloc.core.image.photo_window import FINEST_PX_PER_RAD, FINEST_ROWS, check_share, rig_on_sphere
 from panoloc.core.options import MAX_PIXELS
 
@@ -60,6 +60,7 @@ def read_image(
     data, image = open_decodable(data, IMAGE, max_pixels)
     check_png_rows(data, IMAGE)
     size = upright_size(image)
+    camera = described_for(image, data, camera)
     if camera is not None:
         photo = _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
         return replace(photo, hfov_range_deg=camera.hfov_range_deg, focal_uncertainty=camera.focal_uncertainty)

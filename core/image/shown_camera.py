@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.errors import OptionsError
 from panoloc.core.image.image_header import IMAGE, open_image
-from panoloc.core.image.known_camera import Crop, known_camera, upright_size
+from panoloc.core.image.known_camera import Crop, described_for, known_camera, upright_size
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ def shown_camera(data: bytes, described: CameraDescription | None, max_pixels: i
     """
     image = open_image(data, IMAGE, max_pixels)
     size = upright_size(image)
+    described = described_for(image, data, described)
     if described is not None:
         if described.is_as_stored(image.size) and size != image.size:
             raise OptionsError(

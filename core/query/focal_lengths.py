@@ -19,7 +19,7 @@ from panoloc.core.errors import OptionsError
 from panoloc.core.remarks import Remark
 from panoloc.core.render.comparison import Comparison
 
-_AT_BOUND_DEG = 0.1
+_AT_BOUND_DEG = 0.1  # as far as rounding takes a field of view that is held at a bound
 _WHAT_TO_DO = (
     "check fx_px, hfov_deg or the focal length in the EXIF data, and whether images were cropped or zoomed; "
     "of a crop off the middle send cx_px and cy_px"

@@ -7,6 +7,7 @@ rotations are left, and every pose is scored by pixels.
 Paper: §3.3 (all starts with all rotations).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -148,7 +149,7 @@ def search_maps(
     maps."""
     starts = [search.starts(limit) for search, limit in zip(searches, limits, strict=True)]
     total = sum(map(len, starts))
-    kept = max(config.kept_starts, round(config.kept_share * total))
+    kept = math.ceil(config.kept_share * total)
     counts = list(map(len, starts))
     if searches[0].is_wide and kept < total:
         scores = _in_each(lambda search, limit: search.first_scores(limit), searches, limits)

@@ -82,7 +82,7 @@ def resect(camera: Camera, pixels: Array, points: Array) -> list[Resection]:
     found = sorted((each for each in found if _rms(each) <= most), key=lambda each: each.tilt_deg)
     if found[0].radius_m > _MOST_RADIUS_M:
         raise OptionsError(
-            f"pairs: expected points that fix the camera to half a metre, got some that leave {found[0].radius_m:.1f} m open; "
+            f"pairs: expected points that fix the camera to within {_MOST_RADIUS_M} m, got some that leave {found[0].radius_m:.2f} m open; "
             f"{_what_to_click(found[0].residuals_px)}"
         )
     found = [found[0], *(each for each in found[1:] if each.tilt_deg < _TILT_DEG)]

@@ -5,6 +5,7 @@ answer of the search, which stays stored beside it.
 """
 
 import asyncio
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -115,14 +116,18 @@ class HandPlacing:
         guess, pose, answer = max(found, key=lambda each: (each[2].images[0].agreement or -1.0, each[2].confidence))
         moved = pose_error(pose, guess.pose)
         evidence = guess.evidence if by_hand.pairs is None else checked(guess.evidence, answer, moved)
-        given, refined = photo.placed(guess.pose, evidence), photo.placed(pose, of_engine(answer))
+        given, refined = (
+            photo.placed(guess.pose, evidence),
+            photo.placed(pose, of_engine(answer), answer.images[0].camera),
+        )
         doubts = contradictions(given.residuals_px, refined.residuals_px)
         refined.evidence.warnings.extend(doubts)
-        # Clicked points are worth more than a refinement that leaves them, unless there are three, which always fit, or that the scan
-        # hardly supports; a rough pose is not, unless that leaves it.
+        # Clicked points are worth more than a refinement that is less accurate or leaves them, unless there are three, which always fit,
+        # or that the scan hardly supports; a rough pose is not, unless that leaves it.
         is_left = moved.position_m > by_hand.position_std_m or moved.orientation_deg > by_hand.orientation_std_deg
-        contradicted = bool(doubts) and guess.evidence.accuracy is not None
-        is_doubted = contradicted or (answer.status != "localized" and (by_hand.pairs is not None or is_left))
+        radius_m, refined_m = given.evidence.radius_m, refined.evidence.radius_m
+        is_behind = radius_m is not None and (bool(doubts) or refined_m is None or refined_m > radius_m)
+        is_doubted = is_behind or (answer.status != "localized" and (by_hand.pairs is not None or is_left))
         return Placement(
             given,
             refined,
@@ -194,12 +199,15 @@ class _Photo:
     place: PlaceOnEarth | None
     ref: MapRef
 
-    def placed(self, pose: Pose, evidence: Evidence) -> Placed:
-        """Return a pose with what speaks for it."""
-        off = None
+    def placed(self, pose: Pose, evidence: Evidence, found: ImageCamera | None = None) -> Placed:
+        """Return a pose with what speaks for it. found: the camera of a refined pose, which may have another field of view."""
+        off, camera = None, self.seen.camera
+        if found is not None and found.model == camera.model == "pinhole":
+            factor = math.tan(math.radians(camera.hfov_deg) / 2) / math.tan(math.radians(found.hfov_deg) / 2)
+            camera = replace(camera, fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px)
         if self.pairs is not None:
             pixels = self.seen.of_seen(self.pairs.pixels)
-            off = residuals_px(self.seen.camera, pose, pixels, self.pairs.points).round(2).tolist()
+            off = residuals_px(camera, pose, pixels, self.pairs.points).round(2).tolist()
         shown = pose_answer(pose, self.record.options.frame, self.place)
         return Placed(shown, off, evidence)
 

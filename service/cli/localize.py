@@ -23,16 +23,13 @@ from panoloc.service.cli.query_options import (
     camera_object,
     check_map_choice,
     hints_object,
-    photo_options,
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
 from panoloc.service.client import ApiProblemError, JsonClient, JsonObject
 from panoloc.service.jobs import ARTIFACTS, QueryOptions
 
-_SENT_AS_PANORAMA = (
-    "twice as wide as high, so it is sent as a panorama, without --hfov; describe another camera with --camera"
-)
+_IS_PANORAMA = "taken for a panorama, without --hfov; describe another camera with --camera"
 
 Point = tuple[float, float, float]
 Cuboid = tuple[float, float, float, float, float, float]
@@ -126,17 +123,16 @@ def localize(
     with session.client(url) as client:
         # Two folders may hold the same file name.
         for stem, query in zip(distinct_names(query.name.stem for query in queries), queries, strict=True):
-            sent = options if hfov is None else photo_options(query.name, None, options)
-            if sent != options:
-                session.messages.print(f"{query.name.name}: {_SENT_AS_PANORAMA}", markup=False)
             try:
                 with show_waiting(session.messages, f"localizing {escape(query.name.name)}"):
-                    answer = client.localize(query.images, map_id or (), tag, mask, sent | query.options)
+                    answer = client.localize(query.images, map_id or (), tag, mask, options | query.options)
             except ApiProblemError as problem:
                 if len(queries) == 1:
                     raise
                 codes.append(session.show_failure(problem, [str(query.name)], key="panorama"))
                 continue
+            if hfov is not None and answer["images"] and answer["images"][0]["camera"]["model"] == "equirectangular":
+                session.messages.print(f"{query.name.name}: {_IS_PANORAMA}", markup=False)
             saved = [] if out is None else save_answer(out, stem, query.images, answer, client)
             _show(session, client, query, answer, saved)
             codes.append(exit_code_of(answer["status"]))

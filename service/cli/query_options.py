@@ -7,9 +7,8 @@ from typing import Annotated
 import typer
 
 from panoloc.core.camera.camera import CameraDescription
-from panoloc.core.errors import CoreError, OptionsError
-from panoloc.core.image.image_header import IMAGE, open_image
-from panoloc.core.options import MAX_PIXELS, Method
+from panoloc.core.errors import OptionsError
+from panoloc.core.options import Method
 from panoloc.service.client import JsonObject
 
 MapOption = Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")]
@@ -71,33 +70,11 @@ def _camera_of_hfov(hfov: str) -> JsonObject:
     try:
         if dash:
             CameraDescription("pinhole", hfov_range_deg=(numbers[0], numbers[1]))
-            return {"model": "pinhole", "hfov_range_deg": numbers}
+            return {"model": "pinhole", "hfov_range_deg": numbers, "unless_panorama": True}
         CameraDescription("pinhole", hfov_deg=numbers[0])
-        return {"model": "pinhole", "hfov_deg": numbers[0]}
+        return {"model": "pinhole", "hfov_deg": numbers[0], "unless_panorama": True}
     except OptionsError as error:
         raise typer.BadParameter(str(error).partition(": ")[2], param_hint="--hfov") from error
-
-
-def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> JsonObject:
-    """Return the options for one photo.
-
-    camera: from `cameras.json`. asked: the options for all photos, which win; but a field of view is not for panoramas.
-    """
-    options = {**({"cameras": [camera]} if camera else {}), **asked}
-    if camera is None and "cameras" in asked and _is_panorama(photo):
-        del options["cameras"]
-    return options
-
-
-def _is_panorama(photo: Path) -> bool:
-    # Loaded only where needed, with Pillow.
-    from panoloc.core.image.known_camera import is_full_sphere
-
-    try:
-        size = open_image(photo.read_bytes(), IMAGE, MAX_PIXELS).size
-    except (CoreError, OSError):
-        return False  # the service says what is wrong with it
-    return is_full_sphere(size)
 
 
 def hints_object(

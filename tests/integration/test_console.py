@@ -357,6 +357,8 @@ def test_a_lost_photo_is_placed_by_points_clicked_in_photo_and_scan(
     photo, solve = wide.get_by_role("application", name="lost.jpg"), wide.get_by_role("button", name="Solve and refine")
     for number, (right, down) in enumerate([(0.35, 0.4), (0.65, 0.42), (0.5, 0.6), (0.4, 0.7)], 1):
         if number == 4:
+            wide.reload()  # which keeps the points
+            wait_until_drawn(wide, _num_stored_points(service, room_id))
             wide.get_by_role("button", name="Stand inside").click()
             assert eventually(lambda: scene_state(wide)["isStanding"], 10)
         scan = known(wide.locator("canvas[data-scene]").bounding_box())

@@ -24,17 +24,17 @@ _NO_PARAMETERS = {
         ),
         *("core/geometry/pose.py:_CAMERA_AXES", "core/geometry/pose.py:_MAP_AXES"),
     ),
-    "limits of what a caller may send": (
+    "what the contract says: limits of what a caller may send, and what a radius means": (
         *("core/options.py:M[AI][XN]_[!S]*", "core/options.py:M[AI][XN]_SPACING_M", "core/options.py:*_SPAN_M"),
         *("core/options.py:FARTHEST_M", "core/options.py:QUATERNION_TOLERANCE", "core/options.py:METRES_PER_UNIT"),
-        "core/camera/camera.py:*",
+        *("core/camera/camera.py:*", "core/decide/accuracy.py:_HELD"),
     ),
     "portions of work, which change no answer": (
         *("*:*_AT_ONCE", "*:RENDER_BATCH", "*:BLOCK", "*:_BLOCK", "*:_FEW", "*:_RENDERED_BYTES"),
         *("core/refine/step.py:_THREADS", "core/refine/step.py:_PLANES"),
     ),
     "mathematics and rounding": (
-        *("*:_PHI", "*:_PSI", "*:_ROUNDING", "*:_INSIDE"),
+        *("*:_PHI", "*:_PSI", "*:_ROUNDING", "*:_INSIDE", "*:_SECTORS", "*:_AT_BOUND_DEG"),
         *("core/features/patch_descriptors.py:_LEAST", "core/features/patch_descriptors.py:_ORDER"),
         "core/camera/lens.py:_*",
     ),

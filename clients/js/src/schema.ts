@@ -1001,6 +1001,8 @@ export interface components {
          */
         PlacedPose: {
             pose: components["schemas"]["PoseAnswer"];
+            /** @description With which the pose shows the photo: the refined one may have found another field of view. */
+            camera: components["schemas"]["ImageCamera"];
             /**
              * Residuals Px
              * @description Of each pair: pixels between where the point was clicked and where this pose shows it; null without pairs.
@@ -1474,6 +1476,11 @@ export interface components {
                 number,
                 number
             ] | null;
+            /**
+             * Unless Panorama
+             * @description Not of images that are twice as wide as high, or whose GPano fields say that they are panoramas: for batches of both. Default: false.
+             */
+            unless_panorama?: boolean;
             /** @description Tracked pose of the image; needed for each of several images. */
             session_from_camera?: components["schemas"]["SessionFromCamera"] | null;
         };

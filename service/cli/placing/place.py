@@ -37,7 +37,6 @@ from panoloc.service.cli.query_options import (
     UprightOption,
     camera_object,
     check_map_choice,
-    photo_options,
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.client import ApiProblemError, ClientError, JsonClient, JsonObject, UnreachableError
@@ -228,7 +227,8 @@ class _Placing:
         except OSError as error:
             detail = f"expected a file that can be read, got: {error.strerror}"
             return {"status": "failed", "error": {"title": "The file cannot be read", "detail": detail}}
-        options = photo_options(photo.image, self.folder.camera(photo.name), question.options)
+        camera = self.folder.camera(photo.name)
+        options = ({"cameras": [camera]} if camera else {}) | question.options
         answer = self.client.localize([photo.image], question.map_ids, question.tag, None, options)
         return {"status": answer["status"], "answer": answer}
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 
@@ -113,8 +114,9 @@ async def get_export(
             storage, ExportRequest(record, results, format, of, ambiguous), place, _EXPORT_TIME_S
         ),
     )
+    name = re.sub(r"[^\w.-]+", "_", own_batch(request, batch_id).name[:80], flags=re.ASCII).strip("_.-") or batch_id
     headers = {
-        "Content-Disposition": f'attachment; filename="{batch_id}-{format}.zip"',
+        "Content-Disposition": f'attachment; filename="{name}-{format}.zip"',
         "Content-Length": str(os.fstat(file.fileno()).st_size),
     }
     return StreamingResponse(_blocks(file), media_type="application/zip", headers=headers)

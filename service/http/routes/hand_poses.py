@@ -7,6 +7,7 @@ from fastapi import Depends, Path, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.geometry.pose import Pose
+from panoloc.service.answer import Localization
 from panoloc.service.batches.by_hand import ByHand, HandPlacing, Pairs, Placed, Placement
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
@@ -113,8 +114,8 @@ async def _item(services: Services, record: BatchRecord, number: int) -> dict[st
 
 def _document(placement: Placement, item: dict[str, Any]) -> dict[str, Any]:
     return {
-        "given": _placed(placement.given),
-        "refined": None if placement.refined is None else _placed(placement.refined),
+        "given": _placed(placement.given, placement.answers["given"]),
+        "refined": None if placement.refined is None else _placed(placement.refined, placement.answers["refined"]),
         "better": placement.better,
         "moved_m": placement.moved_m,
         "moved_deg": placement.moved_deg,
@@ -122,10 +123,11 @@ def _document(placement: Placement, item: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _placed(placed: Placed) -> dict[str, Any]:
+def _placed(placed: Placed, answer: Localization) -> dict[str, Any]:
     off, evidence = placed.residuals_px, placed.evidence
     return {
         "pose": placed.pose.model_dump(mode="json"),
+        "camera": answer.images[0].camera.model_dump(mode="json"),
         "residuals_px": off,
         "rms_px": None if off is None else round(float(np.sqrt(np.square(off).mean())), 2),
         "agreement": evidence.agreement,

@@ -198,6 +198,7 @@ GEOPOSE_REQUEST_EXAMPLE = {
 
 _PLACED = {
     "pose": _pose(0.3),
+    "camera": {"model": "equirectangular", "hfov_deg": 360.0},
     "residuals_px": [1.2, 2.4, 0.8, 2.1],
     "rms_px": 1.75,
     "agreement": None,

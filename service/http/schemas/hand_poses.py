@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from panoloc.core.survey.resection import LEAST_PAIRS, MOST_PAIRS
-from panoloc.service.answer import Accuracy, PoseAnswer, ResponseModel
+from panoloc.service.answer import Accuracy, ImageCamera, PoseAnswer, ResponseModel
 from panoloc.service.http.schemas.batches import BatchItem
 from panoloc.service.http.schemas.queries import (
     MAX_PRIOR_STD_DEG,
@@ -73,6 +73,9 @@ class PlacedPose(ResponseModel):
     """A pose, and what speaks for it."""
 
     pose: PoseAnswer
+    camera: ImageCamera = Field(
+        description="With which the pose shows the photo: the refined one may have found another field of view."
+    )
     residuals_px: list[float] | None = Field(
         description="Of each pair: pixels between where the point was clicked and where this pose shows it; null without pairs."
     )

@@ -134,6 +134,10 @@ class Camera(RequestModel):
         description="Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as "
         "long; `images[0].camera` in the answer has the result.",
     )
+    unless_panorama: bool = Field(
+        False,
+        description="Not of images that are twice as wide as high, or whose GPano fields say that they are panoramas: for batches of both.",
+    )
     session_from_camera: SessionFromCamera | None = Field(
         None, description="Tracked pose of the image; needed for each of several images."
     )
@@ -150,7 +154,7 @@ class Camera(RequestModel):
         """Return the camera for the worker; None: from the image's metadata. Raises OptionsError if it is not valid."""
         given = self.model_dump(exclude={"session_from_camera"})
         if self.model is None:
-            if any(value not in (None, []) for value in given.values()) or self.session_from_camera is None:
+            if any(value not in (None, [], False) for value in given.values()) or self.session_from_camera is None:
                 raise OptionsError(
                     f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only if "
                     "session_from_camera is the only field"

@@ -1,5 +1,7 @@
 """Which photos are placed on the sphere, by which camera, and what is said about the others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,7 +9,9 @@ from PIL import Image
 from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.errors import CoreError, OptionsError, PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
 from panoloc.core.image.reader import read_image, read_panorama
-from tests.core.image.picture_files import encoded, photo_file, picture
+from panoloc.core.image.shown_camera import shown_camera
+from panoloc.core.options import MAX_PIXELS
+from tests.core.image.picture_files import encoded, gpano_packet, photo_file, picture
 
 PHONE = CameraDescription("pinhole", hfov_deg=69.0)
 PHOTO = encoded(picture(640, 480))
@@ -44,6 +48,21 @@ def test_a_copy_of_its_shape_is_taken_for_all_of_the_photo_and_one_of_another_si
     assert [words.partition(", which")[0] for words in found.left_out] == [
         f"the EXIF data describe an image of {max(taken)} x {min(taken)} px, got 900 x 600"
     ] * is_told
+
+
+def test_a_camera_that_is_said_of_many_images_is_not_that_of_the_panoramas_among_them() -> None:
+    for camera in (PHONE, CameraDescription("pinhole", hfov_range_deg=(45.0, 90.0))):
+        of_photos = replace(camera, unless_panorama=True)
+        sphere, part = (
+            encoded(picture(640, 320)),
+            encoded(picture(400, 100), "JPEG", xmp=gpano_packet((800, 400), (100, 100), (400, 100))),
+        )
+        for panorama in (sphere, part):
+            assert read_image(panorama, camera=of_photos).camera.is_whole_sphere
+            assert shown_camera(panorama, of_photos, MAX_PIXELS).camera.is_whole_sphere
+        assert read_image(sphere, camera=camera).camera.model == "pinhole"
+        assert read_image(PHOTO, camera=of_photos).hfov_range_deg == camera.hfov_range_deg
+        assert read_image(PHOTO, camera=of_photos).camera.model == "pinhole"
 
 
 def test_a_large_photo_that_is_decoded_smaller_is_not_taken_for_a_copy() -> None:

@@ -109,7 +109,7 @@ def test_of_inexact_points_that_leave_the_camera_open_the_worst_are_named() -> N
     pixels = seen(PHOTO, Pose(turned(0.7), POSITION), wall)
     wrong = wall.copy()
     wrong[[2, 5], 2] += [0.15, -0.15]
-    with pytest.raises(OptionsError, match=r"half a metre.*pair 3 \(\d+ px off\) and pair 6 \(\d+ px off\) again"):
+    with pytest.raises(OptionsError, match=r"within 0.5 m.*pair 3 \(\d+ px off\) and pair 6 \(\d+ px off\) again"):
         resect(PHOTO, pixels, wrong)
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-from PIL import Image
 
 from panoloc.core.options import MAX_TOP_K
 from panoloc.service.client import JsonClient
@@ -147,8 +146,8 @@ def test_a_tag_stands_for_all_its_maps(panoloc: Panoloc, fake: FakeService, pano
 @pytest.mark.parametrize(
     ("option", "value", "camera"),
     [
-        ("--hfov", "69", {"model": "pinhole", "hfov_deg": 69.0}),
-        ("--hfov", "45-90", {"model": "pinhole", "hfov_range_deg": [45.0, 90.0]}),
+        ("--hfov", "69", {"model": "pinhole", "hfov_deg": 69.0, "unless_panorama": True}),
+        ("--hfov", "45-90", {"model": "pinhole", "hfov_range_deg": [45.0, 90.0], "unless_panorama": True}),
         ("--camera", "camera.json", {"model": "pinhole", "hfov_deg": 69.0}),
     ],
 )
@@ -161,13 +160,13 @@ def test_a_photos_camera_is_sent_along(
     assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
 
 
-def test_a_panorama_gets_no_field_of_view_and_that_is_said(
-    localize: Panoloc, fake: FakeService, panorama: Path
-) -> None:
-    Image.new("RGB", (64, 32)).save(panorama, "PNG")
-    said = localize("--hfov", "69").said
-    assert "cameras" not in json.loads(fake.parts["options"][0])
-    assert "sent as a panorama, without --hfov" in said
+def test_that_a_field_of_view_was_not_used_for_a_panorama_is_said(localize: Panoloc, fake: FakeService) -> None:
+    words = "taken for a panorama, without --hfov"
+    assert words in localize("--hfov", "69").said
+    assert words not in localize().said
+    fake.answer = answer_with("localized")
+    fake.answer["images"][0]["camera"] = {"model": "pinhole", "hfov_deg": 69.0}
+    assert words not in localize("--hfov", "69").said
 
 
 @pytest.mark.parametrize(

@@ -44,17 +44,24 @@ def ply_of(points: list[tuple[float, float, float]]) -> bytes:
 POSE = Pose(np.eye(3), np.array([1.2, 0.3, 1.5]))
 
 
-def outcome_of(job: LocalizeJob, pose: Pose = POSE, status: Status = "localized") -> LocalizeOutcome:
-    """Return what a worker finds for every panorama."""
+def outcome_of(
+    job: LocalizeJob,
+    pose: Pose = POSE,
+    status: Status = "localized",
+    found_camera: CameraDescription | None = None,
+    radius_m: float = 0.02,
+) -> LocalizeOutcome:
+    """Return what a worker finds for every panorama. found_camera: in place of the one that a photo has."""
     best = Candidate(pose, 0, 0.93, 5.0, 0.11, "equalized", 60)
     search, timings_s = SearchSummary(job.options.method, 1, 412, 2304, 900_000), {"decode": 0.03, "search": 0.06}
     images = (FoundImage(pose, 0.7),) * len(job.images)
-    found = Localization(status, search, timings_s, best, (), 0.02, 0.3, 0.18, 0.11, images=images)
+    found = Localization(status, search, timings_s, best, (), radius_m, 0.3, 0.18, 0.11, images=images)
     if (first := job.images[0].session_from_camera) is not None:
         session_from_camera = Pose.from_frame(first.position_m, first.quaternion_xyzw, job.options.frame)
         found = replace(found, map_from_session=pose.after(session_from_camera.inverse()))
     pictures: dict[str, bytes] = {name: PNG + name.encode() for name in job.options.artifacts}
-    photos = [PHOTO if each.camera is None else described_photo(each.camera) for each in job.images]
+    cameras = [found_camera or each.camera for each in job.images]
+    photos = [PHOTO if camera is None else described_photo(camera) for camera in cameras]
     return LocalizeOutcome(answer_of(found, job, photos, {}, pictures), pictures)
 
 

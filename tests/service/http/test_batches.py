@@ -360,6 +360,15 @@ async def test_a_map_that_is_deleted_while_its_batch_runs_fails_the_rest_and_wha
     assert "the map was deleted" in model.read("unplaced.txt").decode()
 
 
+@pytest.mark.parametrize(("name", "saved"), [("Büro / 2. Stock", "B_ro_2._Stock-tum.zip"), ("…", "-tum.zip")])
+async def test_an_export_is_saved_under_the_name_of_its_batch(running: RunningService, name: str, saved: str) -> None:
+    _, batch_id = await running.placed("a.png")
+    await running.client.patch(f"/batches/{batch_id}", json={"name": name})
+    headers = (await running.client.get(f"/batches/{batch_id}/export", params={"format": "tum"})).headers
+    assert headers["Content-Disposition"].endswith(f'{saved}"')
+    assert ("batch_" in headers["Content-Disposition"]) == (name == "…")
+
+
 async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.fail_localize = [PanoramaShapeError("image: expected 2:1, got 3:2")]

@@ -6,6 +6,7 @@ import math
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -116,6 +117,24 @@ async def test_a_photo_whose_camera_its_answer_tells_is_placed_with_that(running
     assert running.pool.jobs[-1].images[0].camera == CameraDescription("pinhole", hfov_deg=70.0)
 
 
+async def test_a_refined_pose_comes_with_the_field_of_view_that_was_found_for_it(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    found_camera = CameraDescription("pinhole", hfov_deg=50.0)
+    running.pool.outcome_of = lambda job: outcome_of(job, TRUE, found_camera=found_camera)
+    photo = ("photo.png", encoded(np.zeros((400, 500, 3), np.uint8), "PNG"))
+    sent = {"map_id": map_id, "options": json.dumps({"cameras": [{"model": "pinhole", "hfov_deg": 70.0}]})}
+    batch = (await running.client.post("/batches", files={"image": photo}, data=sent)).json()["id"]
+    await running.done(batch)
+    points = np.array([[6.0, 1.0, 1.0], [6.0, 3.0, 2.0], [5.0, 2.5, 0.8]])
+    u, v, _ = project_to_image(found_camera.of_image((500, 400), (500, 400)), points - TRUE.position)
+    clicked = [
+        {"pixel": [x, y], "position_m": at} for x, y, at in zip(u.tolist(), v.tolist(), points.tolist(), strict=True)
+    ]
+    placed = (await running.client.post(f"/batches/{batch}/images/0/pose", json={"pairs": clicked})).json()
+    assert [placed[which]["camera"]["hfov_deg"] for which in ("given", "refined")] == [70.0, 50.0]
+    assert placed["refined"]["rms_px"] < 0.1 < placed["moved_m"]
+
+
 async def test_a_rough_pose_is_refined_there_alone(running: RunningService) -> None:
     _, path = await lost_photo(running)
     running.pool.jobs.clear()
@@ -142,6 +161,10 @@ async def test_a_refined_pose_that_leaves_the_clicked_points_is_doubted(running:
     for confirm, stored in ((True, "given"), ("refined", "refined"), ("given", "given")):
         found = (await running.client.post(path, json={"pairs": pairs(), "confirm": confirm})).json()
         assert found["item"]["answer"]["pose"] == found[stored]["pose"]
+    # Where both fit the points, the more accurate is taken.
+    for radius_m, better in ((0.2, "given"), (0.002, "refined")):
+        running.pool.outcome_of = partial(outcome_of, pose=TRUE, radius_m=radius_m)
+        assert (await running.client.post(path, json={"pairs": pairs()})).json()["better"] == better
     # Three points always fit: a pose that is sure is worth more.
     running.pool.outcome_of = outcome_of
     for count, better in ((4, "given"), (3, "refined")):

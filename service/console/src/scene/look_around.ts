@@ -3,6 +3,8 @@
 import { levelRotation, type Rotation } from "./frames.ts";
 
 const TURN_PER_KEY = Math.PI / 24;
+/** Of a key, or a notch of the wheel. */
+const ZOOM = 1.15;
 const STEEPEST = Math.PI / 2 - 0.01;
 const [NARROWEST, WIDEST] = [20, 110];
 
@@ -96,7 +98,7 @@ export class LookAround {
   private readonly wheel = (event: WheelEvent): void => {
     if (!this.isOn) return;
     event.preventDefault();
-    this.zoom(event.deltaY > 0 ? 1.06 : 1 / 1.06);
+    this.zoom(event.deltaY > 0 ? ZOOM : 1 / ZOOM);
   };
 
   private readonly press = (event: KeyboardEvent): void => {
@@ -106,8 +108,8 @@ export class LookAround {
     };
     const turn = turns[event.key];
     if (turn) this.turn(...turn);
-    else if (event.key === "+" || event.key === "=") this.zoom(1 / 1.15);
-    else if (event.key === "-") this.zoom(1.15);
+    else if (event.key === "+" || event.key === "=") this.zoom(1 / ZOOM);
+    else if (event.key === "-") this.zoom(ZOOM);
     else return;
     event.preventDefault();
   };

@@ -66,6 +66,7 @@ export class Stage {
     [this.numPoints, this.total, this.outside.bounds] = [0, numPoints, bounds];
     this.painter.begin(numPoints);
     if (this.standing === null) this.leave();
+    else this.outside.forget();
   }
 
   /** Add points; ends once they may have been drawn, so that whoever brings them leaves time for that. */
@@ -99,8 +100,8 @@ export class Stage {
 
   /** Stand where a photo was taken, with the photo before the points where there is one. */
   async stand(place: Place3, photo: Blob | null, camera: CameraOfImage): Promise<void> {
+    if (this.standing === null) this.outside.hold();
     this.standing = place;
-    this.outside.orbit.enabled = false;
     this.painter.showPhoto(null);
     const isWhole = camera.hfov_deg > 300;
     const [yaw, pitch] = directionAngles(place.rotation);
@@ -114,11 +115,19 @@ export class Stage {
     this.touch();
   }
 
-  /** Go back outside, where the whole scan is seen; isPlan: from straight above. */
-  leave(isPlan = this.outside.isPlan): void {
+  /** Go back outside, to where one looked from. */
+  stepOut(): void {
+    if (this.standing === null) return;
     this.standing = null;
     this.look.end();
     this.painter.showPhoto(null);
+    this.outside.resume();
+    this.touch();
+  }
+
+  /** Go outside, where the whole scan is seen; isPlan: from straight above. */
+  leave(isPlan = this.outside.isPlan): void {
+    this.stepOut();
     this.outside.isPlan = isPlan;
     this.outside.reset();
     this.touch();

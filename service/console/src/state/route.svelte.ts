@@ -10,18 +10,9 @@ export interface Route {
 }
 
 let current = $state(parse(location.hash));
-let unsaved = "";
 
-window.addEventListener("beforeunload", (event) => {
-  if (unsaved) event.preventDefault();
-});
-window.addEventListener("hashchange", (event) => {
+window.addEventListener("hashchange", () => {
   if (JSON.stringify(parse(location.hash)) === JSON.stringify(current)) return;
-  if (unsaved && !confirm(`Leave this page? ${unsaved}`)) {
-    location.href = event.oldURL;
-    return;
-  }
-  unsaved = "";
   current = parse(location.hash);
   window.scrollTo(0, 0);
 });
@@ -29,10 +20,6 @@ window.addEventListener("hashchange", (event) => {
 export const route = {
   get current(): Route {
     return current;
-  },
-  /** What would be lost with the page, as a sentence: then it is left only after a question. "" for nothing. */
-  set unsaved(said: string) {
-    unsaved = said;
   },
 };
 

@@ -5,7 +5,7 @@ export type ViewAngle = null | number | [number, number];
 /** Return `cameras` of the options of a query; undefined where each photo says so itself. */
 export function camerasOf(angle: ViewAngle): Record<string, unknown>[] | undefined {
   if (angle === null) return undefined;
-  return [{ model: "pinhole", ...(Array.isArray(angle) ? { hfov_range_deg: angle } : { hfov_deg: angle }) }];
+  return [{ model: "pinhole", unless_panorama: true, ...(Array.isArray(angle) ? { hfov_range_deg: angle } : { hfov_deg: angle }) }];
 }
 
 export function angleWords(angle: ViewAngle): string {

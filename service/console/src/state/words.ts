@@ -7,7 +7,7 @@ export function statusWords(status: Answer["status"]): string {
 }
 
 /** What programs read, in brackets: fields, options of the command line, paths. */
-const FOR_PROGRAMS = / \((?:(?:--[a-z]|frame|options\.|[a-z]+(?:_[a-z]+)+(?![\w.])|see \/|[A-Z]+ \/)[^(),]*(?:, )?)+\)/g;
+const FOR_PROGRAMS = / \((?:(?:--[a-z]|frame|curl|options\.|[a-z]+(?:_[a-z]+)+(?![\w.])|see \/|[A-Z]+ \/)[^(),]*(?:, )?)+\)/g;
 
 /** What the service says, as a sentence: without the name of the field at fault before it, and without what else programs read. */
 export function sentence(said: string): string {

@@ -78,9 +78,7 @@ def test_panoramas_in_heic_are_placed_and_exported_as_jpeg(
     place: Panoloc, fake: FakeService, tmp_path: Path, out: Path
 ) -> None:
     folder_of(tmp_path, "a.HEIC", data=heic(picture(128, 64), phone_exif()))
-    outcome = place("--export", "potree", "--hfov", "69")
-    # A field of view is for photos: that this is a panorama, its header says.
-    assert b"cameras" not in fake.parts["options"][0]
+    outcome = place("--export", "potree")
     assert (outcome.code, "1 localized" in outcome.out) == (0, True), outcome.err
     assert (out / "potree" / "a.HEIC.jpg").read_bytes().startswith(b"\xff\xd8\xff")
     assert "a.HEIC.jpg\t" in (out / "potree" / "coordinates.txt").read_text()
@@ -121,7 +119,8 @@ def test_photos_of_several_cameras_have_theirs_and_an_option_goes_before(
     assert place().code == 0
     assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
     assert place("--out", tmp_path / "other", "--hfov", "70").code == 0
-    assert json.loads(fake.parts["options"][0])["cameras"] == [{"model": "pinhole", "hfov_deg": 70.0}]
+    of_photos = {"model": "pinhole", "hfov_deg": 70.0, "unless_panorama": True}
+    assert json.loads(fake.parts["options"][0])["cameras"] == [of_photos]
 
 
 def test_a_run_whose_service_goes_away_can_be_resumed_and_says_so(

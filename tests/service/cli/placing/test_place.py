@@ -6,13 +6,11 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from PIL import Image
 
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.service.cli import progress
 from panoloc.service.cli.placing.place_folder import PlaceFolder, Question
-from panoloc.service.cli.query_options import photo_options
 from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
@@ -131,19 +129,6 @@ def test_what_says_nothing_of_the_photo_ends_the_run_and_another_may_correct_it(
     assert not list(out.rglob("results/*"))
     fake.fail_with = None
     assert place("--hfov", "90").code == 0
-
-
-def test_a_field_of_view_is_that_of_the_photos_and_not_of_the_panoramas_among_them(tmp_path: Path) -> None:
-    panorama, photo, broken = (tmp_path / name for name in ("a.png", "b.png", "c.png"))
-    Image.new("RGB", (64, 32)).save(panorama)
-    Image.new("RGB", (64, 48)).save(photo)
-    broken.write_bytes(b"nothing")
-    asked = {"method": "fast", "cameras": [{"model": "pinhole", "hfov_deg": 69.0}]}
-    own = {"model": "fisheye", "hfov_deg": 180.0}
-    assert photo_options(photo, None, asked) == photo_options(broken, None, asked) == asked
-    assert photo_options(panorama, None, asked) == {"method": "fast"}
-    assert photo_options(panorama, own, asked) == asked
-    assert photo_options(panorama, own, {"method": "fast"}) == {"method": "fast", "cameras": [own]}
 
 
 @pytest.mark.parametrize(("status", "title"), [(504, "No answer before the deadline"), (500, "The service failed")])
