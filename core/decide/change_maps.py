@@ -4,6 +4,7 @@ Paper: §3.2, Eq. 2 and 3 score every patch by its best match in any view, befor
 pixel can be compared with the very point that it should show.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -37,14 +38,14 @@ def change_maps(
     comparison: Comparison, cloud: RenderCloud, rotation: Tensor, position: Tensor, config: ChangeConfig
 ) -> ChangeMaps:
     """Score pixels and points at one pose: rotation (3, 3) map_from_camera, position (3,); the comparison holds this pose alone."""
-    comparison = comparison.on_sphere()
-    height, width = comparison.views.depth.shape[1:]
-    scores = _pixel_scores(comparison, config).view(height, width)
-    seen = comparison.weights[0].view(height, width) > 0
-    total = comparison.weights.sum().clamp_min(1e-9)
-    changed = (comparison.weights[0] * (scores.flatten() < 0.5)).sum() / total
-    in_view = torch.where(seen, scores, torch.full_like(scores, torch.nan))
-    depth, map_from_view = comparison.views.depth[0], comparison.views.map_from_view[0]
+    scores, weights = _pixel_scores(comparison, config), comparison.weights[0]
+    changed = (weights * (scores < 0.5)).sum() / weights.sum().clamp_min(1e-9)
+    # From here on pixels are those of the whole sphere: points may lie anywhere.
+    window, map_from_view = comparison.views.window, comparison.views.map_from_view[0]
+    height, width = window.rows, 2 * window.rows
+    planes = ((scores, 0.0), (weights > 0, False), (comparison.views.depth.flatten(), math.inf))
+    scores, seen, depth = (window.on_sphere(each[None], missing).view(height, width) for each, missing in planes)
+    in_view = torch.where(seen, scores, torch.nan)
     # Every k-th point along the curve is an even sample of the scan, enough for a fraction.
     sample = cloud.positions[:: max(1, len(cloud.positions) // config.sampled_points)]
     points = _point_scores(in_view, depth, (sample - position) @ map_from_view, cloud.spacing)

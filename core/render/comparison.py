@@ -39,12 +39,6 @@ class Comparison:
     views: SyntheticViews
     image: Tensor
 
-    def on_sphere(self) -> "Comparison":
-        """Return it with pixels of the whole sphere, in the same axes, of which those beyond the part that was compared weigh nothing."""
-        window = self.views.window
-        scan, seen, weights = (window.on_sphere(each) for each in (self.scan, self.seen, self.weights))
-        return Comparison(scan, seen, weights, self.tables, self.views.on_sphere(), window.on_sphere(self.image, -1))
-
 
 class RigView:
     """The part of the sphere around a rig that its images show, or almost: within `margin_deg`.

@@ -42,17 +42,6 @@ class SyntheticViews:
     window: SphereWindow
     map_from_view: Tensor
 
-    def on_sphere(self) -> "SyntheticViews":
-        """Return images of the whole sphere, in the same axes, on which nothing was seen beyond the part that was drawn."""
-        window, sphere = self.window, SphereWindow.of_sphere(self.window.rows)
-        color, depth, valid, point = (
-            window.on_sphere(image.flatten(1, 2), missing).view(-1, sphere.height, sphere.width, *image.shape[3:])
-            if len(image)
-            else image
-            for image, missing in ((self.color, 0.0), (self.depth, math.inf), (self.valid, False), (self.point, -1))
-        )
-        return SyntheticViews(color, depth, valid, point, sphere, self.map_from_view)
-
 
 def num_levels(height: int) -> int:
     """Return how many halvings of an image of `height` rows keep at least 8 rows, plus one."""

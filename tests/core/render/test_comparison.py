@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import JudgeConfig
@@ -95,7 +96,12 @@ def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_sh
     assert 0.1 < num_pixels / (2 * HEIGHT**2) < 0.7
     sphere, axes = SphereWindow.of_sphere(HEIGHT), view.pyramid.rotations[:, :, 0]
     whole = render_views(cloud, positions, ViewParts(views.map_from_view, sphere, axes[None], torch.full((2,), 4.0)))
-    drawn = views.on_sphere()
+
+    def drawn(image: Tensor) -> Tensor:
+        """Return the first image on the whole sphere."""
+        shape = (HEIGHT, 2 * HEIGHT, *image.shape[3:])
+        return views.window.on_sphere(image[:1].flatten(1, 2))[0].view(shape)
+
     inside = views.window.on_sphere(torch.ones(1, num_pixels))[0] > 0
     inside = inside.view(HEIGHT, 2 * HEIGHT)
     directions = pixel_directions(HEIGHT, 2 * HEIGHT) @ view.rig_from_view.T
@@ -103,7 +109,7 @@ def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_sh
     half_angles = view.pyramid.cones + torch.asin(view.pyramid.centers.norm(dim=-1))
     near = (directions @ axes.T >= torch.cos(half_angles)).any(-1) & inside
     assert bool(view.pyramid.shows(directions[~inside], math.radians(7.0)).logical_not().all())
-    assert torch.equal(drawn.valid[0] & near, whole.valid[0] & near)
-    torch.testing.assert_close(drawn.depth[0][near], whole.depth[0][near])
-    torch.testing.assert_close(drawn.color[0][near], whole.color[0][near])
-    assert not bool(drawn.valid[0][~inside].any())
+    assert torch.equal(drawn(views.valid) & near, whole.valid[0] & near)
+    torch.testing.assert_close(drawn(views.depth)[near], whole.depth[0][near])
+    torch.testing.assert_close(drawn(views.color)[near], whole.color[0][near])
+    assert not bool(drawn(views.valid)[~inside].any())
