@@ -122,12 +122,11 @@ class HandPlacing:
         )
         doubts = contradictions(given.residuals_px, refined.residuals_px)
         refined.evidence.warnings.extend(doubts)
-        # Clicked points are worth more than a refinement that is less accurate or leaves them, unless there are three, which always fit,
-        # or that the scan hardly supports; a rough pose is not, unless that leaves it.
+        # Clicked points are worth more than a refinement that leaves them, unless there are three, which always fit, or that the scan
+        # hardly supports; a rough pose is not, unless that leaves it.
         is_left = moved.position_m > by_hand.position_std_m or moved.orientation_deg > by_hand.orientation_std_deg
-        radius_m, refined_m = given.evidence.radius_m, refined.evidence.radius_m
-        is_behind = radius_m is not None and (bool(doubts) or refined_m is None or refined_m > radius_m)
-        is_doubted = is_behind or (answer.status != "localized" and (by_hand.pairs is not None or is_left))
+        contradicted = bool(doubts) and guess.evidence.accuracy is not None
+        is_doubted = contradicted or (answer.status != "localized" and (by_hand.pairs is not None or is_left))
         return Placement(
             given,
             refined,

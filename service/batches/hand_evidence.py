@@ -34,11 +34,6 @@ class Evidence:
     accuracy: Accuracy | None
     warnings: list[Remark]
 
-    @property
-    def radius_m(self) -> float | None:
-        """Return within which the position is with a probability of 68 %."""
-        return None if self.accuracy is None else self.accuracy.position_m
-
 
 UNMEASURED = Evidence(None, 0.0, None, [_UNMEASURED])
 """Of a pose that was set by hand alone."""

@@ -33,14 +33,15 @@ def robot(seed: int) -> Outcome:
             service.wait_until_ready()
             map_id = service.register(scan_of(scene), "{}")
             for fault, driven in drives.items():
-                _drive_once(outcome, fault, driven, str(service.http.base_url), map_id, folder)
+                drive_once(outcome, fault, driven, str(service.http.base_url), map_id, folder)
         finally:
             service.stop()
     outcome.cases, outcome.seconds = len(drives), time.monotonic() - began
     return outcome
 
 
-def _drive_once(outcome: Outcome, fault: str, driven: Drive, url: str, map_id: str, folder: Path) -> None:
+def drive_once(outcome: Outcome, fault: str, driven: Drive, url: str, map_id: str, folder: Path) -> None:
+    """Play a drive to a node and a service, and add how far off the robot was, and what is a fault."""
     variables = environment()
     with running_node(url, map_id, folder / "node.log", variables):
         heard = played(driven, folder, variables, speed=1.0)

@@ -2,7 +2,9 @@
 
 import heapq
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +43,7 @@ class Drive:
     truth: Array
     odometry: Array
     camera: Camera
-    images: dict[int, Array]
+    images: dict[int, NDArray[Any]]
 
 
 def motion(planar: Array) -> Motion:
@@ -62,14 +64,30 @@ def scan_of(scene: Scene) -> bytes:
 
 def drive(scene: Scene, seconds: float, image_every_s: float, faults: Faults, width: int = 480) -> Drive:
     """Drive from room to room."""
-    route = _route(scene)
+
+    def photo(camera: Camera, body: Pose, number: int) -> NDArray[Any]:
+        """Return what the camera sees, with noise and the like."""
+        return np.asarray(photo_with_look(take_photo(scene, camera, body).photo, PHOTO, (7, number)).color)
+
+    return drive_along(_route(scene), photo, seconds, image_every_s, faults, width)
+
+
+def drive_along(
+    route: Array,
+    photo: Callable[[Camera, Pose, int], NDArray[Any]],
+    seconds: float,
+    image_every_s: float,
+    faults: Faults,
+    width: int = 480,
+) -> Drive:
+    """Drive along a polyline (N, 2), there and back. photo: takes the picture of a step (h, w, 3) at a pose of the camera."""
     truth = _along(route, seconds + (faults.carried[1] if faults.carried else 0.0) + 10.0)
     steps = _steps(round(seconds / STEP_S), faults)
     truth = truth[steps]
     odometry = _odometry(truth, steps, faults)
     camera = Camera("pinhole", width, width * 3 // 4, width / 2, width / 2, width / 2, width * 3 / 8)  # 90 degrees
     every = round(image_every_s / STEP_S)
-    images = {number: _photo(scene, camera, truth[number], number) for number in range(0, len(truth), every)}
+    images = {number: photo(camera, _body(truth[number]), number) for number in range(0, len(truth), every)}
     return Drive(truth, odometry, camera, images)
 
 
@@ -97,11 +115,10 @@ def _odometry(truth: Array, steps: NDArray[np.int64], faults: Faults) -> Array:
     return np.array(poses)
 
 
-def _photo(scene: Scene, camera: Camera, truth: Array, number: int) -> Array:
+def _body(truth: Array) -> Pose:
+    """Return the pose of the camera, looking along x."""
     place = motion(truth) @ BASE_FROM_OPTICAL
-    body = Pose(place.rotation @ BASE_FROM_OPTICAL.rotation.T, place.position)
-    photo = photo_with_look(take_photo(scene, camera, body).photo, PHOTO, (7, number))
-    return np.asarray(photo.color)
+    return Pose(place.rotation @ BASE_FROM_OPTICAL.rotation.T, place.position)
 
 
 def _along(route: Array, seconds: float) -> Array:

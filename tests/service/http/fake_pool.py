@@ -49,13 +49,12 @@ def outcome_of(
     pose: Pose = POSE,
     status: Status = "localized",
     found_camera: CameraDescription | None = None,
-    radius_m: float = 0.02,
 ) -> LocalizeOutcome:
     """Return what a worker finds for every panorama. found_camera: in place of the one that a photo has."""
     best = Candidate(pose, 0, 0.93, 5.0, 0.11, "equalized", 60)
     search, timings_s = SearchSummary(job.options.method, 1, 412, 2304, 900_000), {"decode": 0.03, "search": 0.06}
     images = (FoundImage(pose, 0.7),) * len(job.images)
-    found = Localization(status, search, timings_s, best, (), radius_m, 0.3, 0.18, 0.11, images=images)
+    found = Localization(status, search, timings_s, best, (), 0.02, 0.3, 0.18, 0.11, images=images)
     if (first := job.images[0].session_from_camera) is not None:
         session_from_camera = Pose.from_frame(first.position_m, first.quaternion_xyzw, job.options.frame)
         found = replace(found, map_from_session=pose.after(session_from_camera.inverse()))
