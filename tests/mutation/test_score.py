@@ -3,10 +3,15 @@
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.mutation.score import MUTATED, ROOT, Mutant, changes_of, concerning_tests
+if TYPE_CHECKING:
+    from tests.mutation.score import Mutant
+
+ROOT = Path(__file__).parents[2]
 
 SOURCE = '''"""A module."""
 
@@ -33,12 +38,20 @@ class Counter:
 
 
 @pytest.fixture(scope="module")
-def mutants() -> list[Mutant]:
-    made = [make() for make in changes_of("service/made_up.py", SOURCE)]
+def score() -> ModuleType:
+    # Here, because every process that shares the tests imports this file, and what the measurement needs takes long to load.
+    from tests.mutation import score
+
+    return score
+
+
+@pytest.fixture(scope="module")
+def mutants(score: ModuleType) -> "list[Mutant]":
+    made = [make() for make in score.changes_of("service/made_up.py", SOURCE)]
     return [mutant for mutant in made if mutant is not None]
 
 
-def test_every_mutant_differs_in_one_line_of_a_function_also_of_one_with_a_decorator(mutants: list[Mutant]) -> None:
+def test_every_mutant_differs_in_one_line_of_a_function_also_of_one_with_a_decorator(mutants: "list[Mutant]") -> None:
     changed = set()
     for mutant in mutants:
         pairs = zip(SOURCE.splitlines(), mutant.source.splitlines(), strict=True)
@@ -48,17 +61,17 @@ def test_every_mutant_differs_in_one_line_of_a_function_also_of_one_with_a_decor
     assert changed == {8, 17, 21}
 
 
-def test_texts_for_people_stay(mutants: list[Mutant]) -> None:
+def test_texts_for_people_stay(mutants: "list[Mutant]") -> None:
     assert all("a text for people" in mutant.source for mutant in mutants)
     assert any('"COUNTER"' in mutant.source for mutant in mutants)
 
 
 @pytest.mark.slow
-def test_every_mutated_file_has_tests_that_concern_it() -> None:
-    for pattern in MUTATED:
+def test_every_mutated_file_has_tests_that_concern_it(score: ModuleType) -> None:
+    for pattern in score.MUTATED:
         files = [str(path.relative_to(ROOT)) for path in ROOT.glob(pattern)]
         assert files, pattern
-        assert all((ROOT / test).exists() for file in files for test in concerning_tests(file))
+        assert all((ROOT / test).exists() for file in files for test in score.concerning_tests(file))
 
 
 PROGRAM = """

@@ -12,12 +12,12 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.comparison import Comparison, RigView
 from tests.core.built_maps import BOX, map_of, tensors_of
-from tests.core.image.painted_photos import TWO, rig_pose, session_of
+from tests.core.image.painted_photos import OF_TWO, TWO, rig_pose
 from tests.core.painted_box import rotation_of
 
 JUDGE = JudgeConfig()
 DESCRIPTORS = DescriptorConfig()
-SESSION = session_of(TWO)
+SESSION = OF_TWO
 SECOND = SESSION.images[1]
 COLOR = SECOND.photo.color
 

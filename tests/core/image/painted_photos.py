@@ -54,6 +54,10 @@ def session_of(poses: Sequence[Pose] = TWO, box: PaintedBox = BOX, up_known: boo
     return Rig(tuple(images), SessionOptions(up_known=up_known))
 
 
+# Several modules look at it, and to paint it takes a tenth of a second.
+OF_TWO = session_of(TWO)
+
+
 def rig_pose(rig: Rig) -> Pose:
     """Return where in the map such a rig is."""
     return MAP_FROM_SESSION.after(rig.session_from_rig)

@@ -23,9 +23,9 @@ from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import RigView
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, map_of, panorama, rig_of, tensors_of
 from tests.core.found_pose import known
-from tests.core.image.painted_photos import MAP_FROM_SESSION, TWO, rig_pose, session_of
+from tests.core.image.painted_photos import MAP_FROM_SESSION, OF_TWO, TWO, rig_pose
 
-SESSION = session_of(TWO)
+SESSION = OF_TWO
 RIG = rig_pose(SESSION)
 HEIGHT = 64
 PHOTOS = RigPyramid(SESSION, 256, None, "cpu")

@@ -18,11 +18,11 @@ from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import ViewParts
 from panoloc.core.render.synthetic_view import render_views
 from tests.core.built_maps import BOX, POSE, map_of, panorama, rig_of, tensors_of
-from tests.core.image.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, UPRIGHT, rig_pose, session_of
+from tests.core.image.painted_photos import MAP_FROM_SESSION, OF_TWO, SIDEWAYS, TWO, UPRIGHT, rig_pose
 
 HEIGHT = 128
 CAMERAS = (UPRIGHT, SIDEWAYS)
-SESSION = session_of(TWO)
+SESSION = OF_TWO
 RIG = rig_pose(SESSION)
 
 

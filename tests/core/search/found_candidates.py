@@ -11,10 +11,10 @@ from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery, prepare_queries
 from panoloc.core.search.candidates import Candidates
 from tests.core.built_maps import BOX, POSE, map_of, panorama, rig_of
-from tests.core.image.painted_photos import SIDEWAYS, TWO, photo_of, rig_pose, session_of
+from tests.core.image.painted_photos import OF_TWO, SIDEWAYS, photo_of, rig_pose
 
 CONFIG = LocalizerConfig()
-TWO_PHOTOS = session_of(TWO)
+TWO_PHOTOS = OF_TWO
 RIGS = {
     "panorama": (rig_of(panorama()), POSE),
     "one photo": (Rig.of_photo(photo_of(SIDEWAYS)), POSE),

@@ -1,6 +1,7 @@
 """The OpenAPI document: complete, with examples, and true (schemathesis calls every operation)."""
 
 import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,46 +51,51 @@ def document_of(folder: Path) -> dict[str, Any]:
     return app.openapi()
 
 
-DOCUMENT = document_of(Path("unused"))
-OPERATIONS = [
-    (path, method, operation) for path, methods in DOCUMENT["paths"].items() for method, operation in methods.items()
-]
-NAMES = [f"{method} {path}" for path, method, _ in OPERATIONS]
+@pytest.fixture(scope="module")
+def document() -> dict[str, Any]:
+    return document_of(Path("unused"))
 
 
-def test_every_call_of_the_contract_is_described() -> None:
-    described = {path: set(methods) for path, methods in DOCUMENT["paths"].items()}
+def operations_of(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield path, method and operation."""
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            yield path, method, operation
+
+
+def test_every_call_of_the_contract_is_described(document: dict[str, Any]) -> None:
+    described = {path: set(methods) for path, methods in document["paths"].items()}
     assert CONTRACT.items() <= described.items()
 
 
-@pytest.mark.parametrize(("path", "method", "operation"), OPERATIONS, ids=NAMES)
-def test_every_error_is_a_problem_document_with_an_example(path: str, method: str, operation: dict[str, Any]) -> None:
-    for status, response in operation["responses"].items():
-        if int(status) < 400 or path == "/health/ready":
-            continue
-        (media,) = response["content"].items()
-        assert media[0] == "application/problem+json"
-        assert media[1]["schema"] == {"$ref": "#/components/schemas/ProblemDocument"}
-        assert media[1]["examples"]
-        assert response["description"]
+def test_every_error_is_a_problem_document_with_an_example(document: dict[str, Any]) -> None:
+    for path, method, operation in operations_of(document):
+        for status, response in operation["responses"].items():
+            if int(status) < 400 or path == "/health/ready":
+                continue
+            (media,) = response["content"].items()
+            assert media[0] == "application/problem+json", (method, path, status)
+            assert media[1]["schema"] == {"$ref": "#/components/schemas/ProblemDocument"}, (method, path, status)
+            assert media[1]["examples"], (method, path, status)
+            assert response["description"], (method, path, status)
 
 
-@pytest.mark.parametrize(("path", "method", "operation"), OPERATIONS, ids=NAMES)
-def test_every_answer_in_json_has_an_example(path: str, method: str, operation: dict[str, Any]) -> None:
-    assert operation["summary"]
-    for status, response in operation["responses"].items():
-        media = response.get("content", {}).get("application/json")
-        if media and int(status) < 300 and path.startswith(("/maps", "/locali")):
-            assert media.get("example") or media.get("examples"), status
+def test_every_answer_in_json_has_an_example(document: dict[str, Any]) -> None:
+    for path, method, operation in operations_of(document):
+        assert operation["summary"], (method, path)
+        for status, response in operation["responses"].items():
+            media = response.get("content", {}).get("application/json")
+            if media and int(status) < 300 and path.startswith(("/maps", "/locali")):
+                assert media.get("example") or media.get("examples"), (method, path, status)
 
 
-def test_retry_after_is_documented() -> None:
-    for _, _, operation in OPERATIONS:
+def test_retry_after_is_documented(document: dict[str, Any]) -> None:
+    for path, method, operation in operations_of(document):
         for status in {"429", "503"} & operation["responses"].keys():
-            assert "Retry-After" in operation["responses"][status]["headers"]
+            assert "Retry-After" in operation["responses"][status]["headers"], (method, path, status)
 
 
-def test_every_reference_leads_somewhere() -> None:
+def test_every_reference_leads_somewhere(document: dict[str, Any]) -> None:
     def references(node: Any) -> Any:
         if isinstance(node, dict):
             yield from ([node["$ref"]] if isinstance(node.get("$ref"), str) else [])
@@ -97,8 +103,8 @@ def test_every_reference_leads_somewhere() -> None:
         for inner in node if isinstance(node, list) else []:
             yield from references(inner)
 
-    known = {f"#/components/schemas/{name}" for name in DOCUMENT["components"]["schemas"]}
-    found = set(references(DOCUMENT))
+    known = {f"#/components/schemas/{name}" for name in document["components"]["schemas"]}
+    found = set(references(document))
     assert found <= known
     assert "#/components/schemas/LocalizeOptions" in found
 
