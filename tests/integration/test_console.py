@@ -97,14 +97,17 @@ def panorama(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(service: RunningService, chromium: Browser) -> Iterator[Page]:
-    with page_of(chromium, str(service.http.base_url)) as opened:
+def page(chromium: Browser) -> Iterator[Page]:
+    with page_of(chromium, "about:blank") as opened:
         yield opened
 
 
-def test_a_file_that_is_no_scan_is_refused_with_what_to_do_and_can_be_dismissed(page: Page, tmp_path: Path) -> None:
+def test_a_file_that_is_no_scan_is_refused_with_what_to_do_and_can_be_dismissed(
+    page: Page, service: RunningService, tmp_path: Path
+) -> None:
     wrong = tmp_path / "holiday.ply"
     wrong.write_bytes(b"this is no scan")
+    page.goto(str(service.http.base_url))
     page.get_by_label("Choose scans to upload").set_input_files(wrong)
     note = page.get_by_role("alert").filter(has_text="Request")
     expect(note).to_contain_text("Expected a scan")
@@ -342,8 +345,8 @@ def lost_batch(service: RunningService, room_id: str, panorama: Path) -> str:
 
 
 @pytest.fixture
-def wide(service: RunningService, chromium: Browser) -> Iterator[Page]:
-    with page_of(chromium, str(service.http.base_url), viewport={"width": 1440, "height": 800}) as opened:
+def wide(chromium: Browser) -> Iterator[Page]:
+    with page_of(chromium, "about:blank", viewport={"width": 1440, "height": 800}) as opened:
         yield opened
 
 
@@ -457,7 +460,8 @@ def test_control_points_are_loaded_clicked_and_give_the_map_its_place(
 def test_the_demo_room_takes_one_click_can_be_renamed_and_is_deleted_only_when_asked_twice(
     page: Page, service: RunningService
 ) -> None:
-    (page.get_by_role("button", name="Try the demo room")).click()
+    page.goto(str(service.http.base_url))
+    page.get_by_role("button", name="Try the demo room").click()
     expect(page.get_by_role("heading", name="Demo room")).to_be_visible(timeout=WAIT_MS)
     expect(page.get_by_role("button", name=STAND_HERE)).to_be_visible(timeout=WAIT_MS)
     expect(page.get_by_label("Answer", exact=True).get_by_role("heading")).to_have_text("Almost certain")
@@ -501,7 +505,8 @@ def test_a_service_that_is_busy_is_asked_again_when_it_says_so(page: Page, servi
     assert len(asked) >= 2
 
 
-def test_a_service_that_goes_is_said_to_be_gone_until_it_is_back(page: Page) -> None:
+def test_a_service_that_goes_is_said_to_be_gone_until_it_is_back(page: Page, service: RunningService) -> None:
+    page.goto(str(service.http.base_url))
     gone = page.get_by_role("alert").filter(has_text="The service does not answer")
     expect(page.get_by_role("banner")).to_contain_text("Ready")
     page.context.set_offline(True)
@@ -519,6 +524,7 @@ def test_the_scan_is_turned_moved_and_zoomed_by_keys_that_the_view_names(
         found = page.evaluate(f"({middle_and_eye})(document.querySelector('canvas[data-scene]').stage)")
         return np.array(found)
 
+    page.goto(str(service.http.base_url))
     page.get_by_role("link", name=HOSTILE).press("Enter")
     expect(page.get_by_role("main")).to_be_focused()
     wait_until_drawn(page, _num_stored_points(service, room_id))
@@ -572,8 +578,11 @@ def test_an_ordinary_photo_of_which_nothing_is_known_is_asked_for_its_angle_of_v
     expect(page.get_by_text("wall.png")).to_have_count(0)
 
 
-def test_an_upload_that_broke_off_is_sent_again_when_asked_to(page: Page, tmp_path: Path) -> None:
+def test_an_upload_that_broke_off_is_sent_again_when_asked_to(
+    page: Page, service: RunningService, tmp_path: Path
+) -> None:
     (scan := tmp_path / "broken off.ply").write_bytes(small_room().scan)
+    page.goto(str(service.http.base_url))
     page.route(re.compile(r"/maps$"), lambda route: route.abort("connectionreset"))
     page.get_by_label("Choose scans to upload").set_input_files(scan)
     expect(page.get_by_role("alert").filter(has_text="The connection was interrupted")).to_be_visible()
