@@ -1,5 +1,6 @@
 """Points on the true surfaces of a scene, in sight and in the middle of a pixel: known places for clicks, which no scan has to say."""
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,9 +16,10 @@ _NUM_RAYS = 20_000
 # Around a point its surface is flat so far: what a click hits is a piece of it.
 _FLAT_M = 0.14
 _OFF_PIXEL, _OFF_PLANE_M, _APART_M = 0.12, 0.001, 0.5
+# As text: Playwright takes and gives numbers one by one, which takes seconds for so many.
 _PROJECT = """points => {
     const { stage } = document.querySelector('canvas[data-scene]');
-    return points.map(point => stage.project(point) ?? [-1, -1]);
+    return JSON.stringify(JSON.parse(points).map(point => stage.project(point) ?? [-1, -1]));
 }"""
 
 
@@ -40,7 +42,8 @@ def known_points(page: Page, scene: Scene, origin: Points, rays: tuple[Points, P
     points = _hits(scene, origins, directions)
     box = page.locator("canvas[data-scene]").bounding_box()
     assert box is not None
-    pixels = np.array(page.evaluate(_PROJECT, (points - origin).tolist())) + np.array([box["x"], box["y"]])
+    projected = json.loads(page.evaluate(_PROJECT, json.dumps((points - origin).tolist())))
+    pixels = np.array(projected) + np.array([box["x"], box["y"]])
     # Between the tools and the panels over the view.
     inside = (pixels > [60, 190]) & (pixels < [box["width"] - 340, box["y"] + box["height"] - 110])
     is_exact = (np.abs(pixels - pixels.round()).max(axis=1) < _OFF_PIXEL) & inside.all(axis=1)
