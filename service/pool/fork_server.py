@@ -111,10 +111,12 @@ def _prctl(option: int, value: Any) -> None:
 def main(*modules: str) -> None:
     """Load the modules, then fork a process for each request that comes through standard input."""
     requests = socket.socket(fileno=os.dup(0))
+    gc.disable()  # nothing of what is loaded is garbage; to look for it takes a sixth of the time
     for module in modules:
         with contextlib.suppress(Exception):  # the process that needs it says why
             importlib.import_module(module)
     gc.freeze()  # what is there now stays, and memory that nobody writes to stays common
+    gc.enable()
     child.main(_ForkServer(requests).next_child())
 
 

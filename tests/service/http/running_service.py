@@ -97,11 +97,13 @@ class RunningService:
     async def eventually(self, path: str, holds: Any) -> dict[str, Any]:
         """Return the JSON behind a path once it is as wanted."""
         body: dict[str, Any] = {}
-        for _ in range(300):
+        pause_s = 0.01
+        while pause_s < 0.5:  # reached after three seconds
             body = (await self.client.get(path)).json()
             if holds(body):
                 return body
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(pause_s)
+            pause_s *= 1.2  # to ask takes a third of the first pause, of what is waited for
         raise AssertionError(f"not within three seconds: {body}")
 
     async def held_query(self, map_id: str, **request: Any) -> asyncio.Task[httpx.Response]:
