@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Locator, Page
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.geometry.pose import Pose
-from panoloc.lab.rooms import take_photo
+from panoloc.lab.rooms import Scene, take_photo
 from panoloc.lab.rooms.capture.shooting import turned
 from tests.core.image.picture_files import encoded
 from tests.integration.console_page import page_of
@@ -31,6 +31,7 @@ class ArPhone:
     def __init__(self, page: Page) -> None:
         self.page = page
         self._session_from_map = _SESSION_FROM_MAP
+        self._photos: dict[bytes, str] = {}  # PNG by pose: the same places are held again after a reload
 
     def reload(self) -> None:
         """Come back another time: the next session has its origin elsewhere, turned."""
@@ -41,15 +42,14 @@ class ArPhone:
         """Move there, and let the camera see the room."""
         pose = hand.pose(turned_deg)
         in_session = self._session_from_map.after(pose).in_frame("webxr")
-        size = (SCREEN["width"], SCREEN["height"])
-        hfov_rad = 2 * math.atan(math.tan(math.radians(_FOVY_DEG) / 2) * size[0] / size[1])
-        camera = Camera.from_hfov("pinhole", *size, math.degrees(hfov_rad))
-        photo = base64.b64encode(encoded(take_photo(hand.scene, camera, pose).photo.color, "PNG")).decode()
+        seen = pose.matrix.tobytes()
+        if seen not in self._photos:
+            self._photos[seen] = _photo(hand.scene, pose)
         place = {
             "position": in_session.position.tolist(),
             "quaternion": in_session.quaternion_xyzw.tolist(),
         }
-        self.page.evaluate(f"place => holdPhone(place, 'data:image/png;base64,{photo}')", place)
+        self.page.evaluate(f"place => holdPhone(place, 'data:image/png;base64,{self._photos[seen]}')", place)
 
     def seen_direction(self, note: Locator, pose: Pose) -> NDArray[np.float64]:
         """Return the direction (3,) in the map in which a camera at that pose shows a note."""
@@ -60,6 +60,14 @@ class ArPhone:
         down = (box["y"] + box["height"] / 2 - SCREEN["height"] / 2) * tangent
         direction = pose.rotation @ np.array([1, -right, -down])  # x forward, y left, z up
         return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _photo(scene: Scene, pose: Pose) -> str:
+    """Return what the camera sees as PNG in base64."""
+    size = (SCREEN["width"], SCREEN["height"])
+    hfov_rad = 2 * math.atan(math.tan(math.radians(_FOVY_DEG) / 2) * size[0] / size[1])
+    camera = Camera.from_hfov("pinhole", *size, math.degrees(hfov_rad))
+    return base64.b64encode(encoded(take_photo(scene, camera, pose).photo.color, "PNG")).decode()
 
 
 @contextmanager
