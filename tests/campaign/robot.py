@@ -56,7 +56,7 @@ def drive_once(outcome: Outcome, fault: str, driven: Drive, url: str, map_id: st
         f"odometry alone {_spread(alone_m, alone_deg, known)}",
         f"corrected {_spread(metres, degrees, known)}",
     ]
-    if fault != "drift":
+    if "drift" not in fault:
         lost = np.flatnonzero(metres[round(25 / STEP_S) :] > _FOUND_AGAIN_M)
         told.append(f"found again after {(lost[-1] + 1 if len(lost) else 0) * STEP_S:.1f} s")
     outcome.figures[f"{fault}:"] = "; ".join(told)

@@ -152,9 +152,9 @@ class Camera(RequestModel):
 
     def to_options(self) -> CameraDescription | None:
         """Return the camera for the worker; None: from the image's metadata. Raises OptionsError if it is not valid."""
-        given = self.model_dump(exclude={"session_from_camera"})
+        given = self.model_dump(exclude={"session_from_camera"}, exclude_defaults=True)
         if self.model is None:
-            if any(value not in (None, [], False) for value in given.values()) or self.session_from_camera is None:
+            if given or self.session_from_camera is None:
                 raise OptionsError(
                     f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only if "
                     "session_from_camera is the only field"

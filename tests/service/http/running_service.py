@@ -97,14 +97,12 @@ class RunningService:
     async def eventually(self, path: str, holds: Any) -> dict[str, Any]:
         """Return the JSON behind a path once it is as wanted."""
         body: dict[str, Any] = {}
-        pause_s = 0.01
-        while pause_s < 0.5:  # reached after three seconds
+        for number in range(30):  # twelve seconds; to ask takes a third of the first pause, of what is waited for
             body = (await self.client.get(path)).json()
             if holds(body):
                 return body
-            await asyncio.sleep(pause_s)
-            pause_s *= 1.2  # to ask takes a third of the first pause, of what is waited for
-        raise AssertionError(f"not within three seconds: {body}")
+            await asyncio.sleep(0.01 * 1.2**number)
+        raise AssertionError(f"not within twelve seconds: {body}")
 
     async def held_query(self, map_id: str, **request: Any) -> asyncio.Task[httpx.Response]:
         """Return a query that a worker holds until `pool.localize_gate` opens."""
