@@ -573,7 +573,7 @@ def test_an_ordinary_photo_of_which_nothing_is_known_is_asked_for_its_angle_of_v
     page.get_by_role("button", name="Search 45° to 90°").click()
     expect(page.get_by_role("alert").filter(has_text="The connection was interrupted")).to_be_visible()
     asked_for = json.loads(page.evaluate("window.askedFor"))
-    assert asked_for["cameras"] == [{"model": "pinhole", "hfov_range_deg": [45, 90]}]
+    assert asked_for["cameras"] == [{"model": "pinhole", "hfov_range_deg": [45, 90], "unless_panorama": True}]
     page.get_by_role("button", name="Remove wall.png").click()
     expect(page.get_by_text("wall.png")).to_have_count(0)
 
