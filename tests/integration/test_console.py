@@ -168,6 +168,7 @@ def _place_a_lost_photo_of_the_list(page: Page, service: RunningService, lost: P
     page.get_by_role("button", name="Place lost.png by hand").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("lost.png")
     page.get_by_role("button", name="Drag on the plan").click()
+    expect(page.get_by_role("alert")).to_have_count(0)
     assert serious_faults(page) == []
     batch_id, _, number = page.url.rpartition("/batches/")[2].partition("/place/")
     assert eventually(lambda: service.http.get(f"/batches/{batch_id}").json()["status"] == "done", 60)
