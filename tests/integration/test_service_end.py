@@ -44,13 +44,16 @@ def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_ask
         assert service.status("/health/ready") == 503
         service.wait_until_ready()
         map_id = service.register(small_room().scan, OPTIONS)
-        family = service.family()
+        family, worker = service.family(), service.worker_pid()
+        # Else all may be answered, and the service gone, before anybody looks.
+        os.kill(worker, signal.SIGSTOP)
         with ThreadPoolExecutor(4) as clients:
             requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(4)]
             service.wait_until_taken(requests)
             service.process.send_signal(signal.SIGTERM)
             assert eventually(lambda: service.status("/health/ready") == 503, 90)
             turned_away = service.localize(small_room().panorama, map_id)
+            os.kill(worker, signal.SIGCONT)
             assert [request.result().status_code for request in requests] == [200] * 4
         assert turned_away.status_code == 503
         assert int(turned_away.headers["Retry-After"]) >= 1
