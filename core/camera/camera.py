@@ -130,8 +130,8 @@ class CameraDescription:
 
     width_px, height_px: the image that fx_px ... cy_px belong to; None: the image as it is uploaded. fx_px ... cy_px, or hfov_deg in their
     place; fy_px: as fx_px where it is None; cx_px, cy_px: the middle. A full equirectangular image needs none of them. hfov_range_deg: of a
-    pinhole whose field of view is not known, bounds within which it is searched. unless_panorama: not of images that are panoramas by their
-    shape or by what their files say, where it is said of many images.
+    pinhole whose field of view is not known, bounds within which it is searched. unless_panorama: of many images, those that
+    are twice as wide as high or have GPano fields are read as panoramas, as if nothing was described.
     Raises OptionsError for numbers that describe no camera.
     """
 

@@ -4,7 +4,6 @@ Paper: §3.2, Eq. 2 and 3 score every patch by its best match in any view, befor
 pixel can be compared with the very point that it should show.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -40,11 +39,11 @@ def change_maps(
     """Score pixels and points at one pose: rotation (3, 3) map_from_camera, position (3,); the comparison holds this pose alone."""
     scores, weights = _pixel_scores(comparison, config), comparison.weights[0]
     changed = (weights * (scores < 0.5)).sum() / weights.sum().clamp_min(1e-9)
-    # From here on pixels are those of the whole sphere: points may lie anywhere.
+    # From here on pixels are those of the whole sphere: points lie anywhere, and those beyond the window have no score.
     window, map_from_view = comparison.views.window, comparison.views.map_from_view[0]
     height, width = window.rows, 2 * window.rows
-    planes = ((scores, 0.0), (weights > 0, False), (comparison.views.depth.flatten(), math.inf))
-    scores, seen, depth = (window.on_sphere(each[None], missing).view(height, width) for each, missing in planes)
+    planes = scores, weights > 0, comparison.views.depth.flatten()
+    scores, seen, depth = (window.on_sphere(each[None]).view(height, width) for each in planes)
     in_view = torch.where(seen, scores, torch.nan)
     # Every k-th point along the curve is an even sample of the scan, enough for a fraction.
     sample = cloud.positions[:: max(1, len(cloud.positions) // config.sampled_points)]

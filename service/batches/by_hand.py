@@ -116,10 +116,8 @@ class HandPlacing:
         guess, pose, answer = max(found, key=lambda each: (each[2].images[0].agreement or -1.0, each[2].confidence))
         moved = pose_error(pose, guess.pose)
         evidence = guess.evidence if by_hand.pairs is None else checked(guess.evidence, answer, moved)
-        given, refined = (
-            photo.placed(guess.pose, evidence),
-            photo.placed(pose, of_engine(answer), answer.images[0].camera),
-        )
+        given = photo.placed(guess.pose, evidence)
+        refined = photo.placed(pose, of_engine(answer), answer.images[0].camera)
         doubts = contradictions(given.residuals_px, refined.residuals_px)
         refined.evidence.warnings.extend(doubts)
         # Clicked points are worth more than a refinement that leaves them, unless there are three, which always fit, or that the scan

@@ -122,6 +122,10 @@ def test_photo_and_points_meet_where_the_photo_was_taken(
     page.goto(f"{service.http.base_url}/?draw={draw}#/maps/{room_id}")
     wait_until_drawn(page, _num_stored_points(service, room_id))
     page.get_by_label("Choose photos to localize").set_input_files(panorama)
+    heading = "document.querySelector('canvas[data-scene]').stage.heading"
+    page.evaluate("document.querySelector('canvas[data-scene]').stage.spin(40)")
+    wait_until_still(page)
+    looked_to = page.evaluate(heading)
     page.get_by_role("button", name=STAND_HERE).click()
     expect(page.get_by_role("button", name=STEP_OUT)).to_be_visible()
     assert scene_state(page)["isStanding"]
@@ -135,6 +139,9 @@ def test_photo_and_points_meet_where_the_photo_was_taken(
     assert np.hypot(*shift) <= 4, (shift, agreement)
     assert agreement > 0.3
     assert serious_faults(page) == []
+    page.get_by_role("button", name=STEP_OUT).click()
+    wait_until_still(page)
+    assert page.evaluate(heading) == pytest.approx(looked_to)
 
 
 def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
@@ -316,6 +323,7 @@ def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     page.get_by_role("group", name="To the photos around").get_by_role("button", name="To panorama.jpg").click()
     expect(placed.get_by_role("button", name="panorama.jpg").last).to_have_attribute("aria-pressed", "true")
     expect(page.get_by_role("button", name="To other.jpg")).to_be_visible()
+    expect(page.get_by_role("region", name="Plan")).to_contain_text("from the map's y axis")
     placed.get_by_role("button", name="Enlarge panorama.jpg").click()
     expect(page.get_by_role("dialog").get_by_role("heading")).to_have_text("panorama.jpg")
     page.keyboard.press("ArrowRight")
@@ -411,6 +419,8 @@ def test_a_lost_photo_is_dragged_to_its_place_and_that_can_be_undone(
     assert abs(float(wide.get_by_label("Looks to").input_value()) - (yaw + 10)) < 3
     for name, degrees in (("Looks up", 4 - pitch), ("Right side down", roll - 4)):
         wide.get_by_label(name).fill(str(degrees))
+    wide.get_by_label("Height, m").fill("")
+    expect(wide.get_by_role("button", name="Refine")).to_be_disabled()
     wide.get_by_label("Height, m").fill(f"{z + 0.15:.2f}")
     wide.get_by_role("button", name="Refine").click()
     expect(wide.get_by_role("radio", name="Refined")).to_be_checked()

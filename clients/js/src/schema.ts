@@ -1001,7 +1001,7 @@ export interface components {
          */
         PlacedPose: {
             pose: components["schemas"]["PoseAnswer"];
-            /** @description With which the pose shows the photo: the refined one may have found another field of view. */
+            /** @description Camera of the photo at this pose: the refined pose may have another field of view than the photo states. */
             camera: components["schemas"]["ImageCamera"];
             /**
              * Residuals Px
@@ -1478,7 +1478,7 @@ export interface components {
             ] | null;
             /**
              * Unless Panorama
-             * @description Not of images that are twice as wide as high, or whose GPano fields say that they are panoramas: for batches of both. Default: false.
+             * @description Images that are twice as wide as high, or have GPano fields, are read as panoramas; the entry is for the others. Default: false.
              */
             unless_panorama?: boolean;
             /** @description Tracked pose of the image; needed for each of several images. */

@@ -74,7 +74,7 @@ class PlacedPose(ResponseModel):
 
     pose: PoseAnswer
     camera: ImageCamera = Field(
-        description="With which the pose shows the photo: the refined one may have found another field of view."
+        description="Camera of the photo at this pose: the refined pose may have another field of view than the photo states."
     )
     residuals_px: list[float] | None = Field(
         description="Of each pair: pixels between where the point was clicked and where this pose shows it; null without pairs."

@@ -136,7 +136,7 @@ class Camera(RequestModel):
     )
     unless_panorama: bool = Field(
         False,
-        description="Not of images that are twice as wide as high, or whose GPano fields say that they are panoramas: for batches of both.",
+        description="Images that are twice as wide as high, or have GPano fields, are read as panoramas; the entry is for the others.",
     )
     session_from_camera: SessionFromCamera | None = Field(
         None, description="Tracked pose of the image; needed for each of several images."
