@@ -1,7 +1,8 @@
 """In which order the files begin where several processes share the tests, which stay together, and which coverage watches."""
 
 import gc
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import pytest
@@ -11,19 +12,60 @@ from xdist.scheduler import LoadFileScheduling
 TOGETHER = "tests/integration/one_service/"
 # Their tests wait for half of their time: beside each other they would leave processors idle.
 WAITING = "tests/service/"
-# What these run of the service and the core is covered by its own tests, and Python runs at half its speed where coverage watches.
-UNWATCHED = ("tests/lab/", "tests/properties/")
+# Python runs at half its speed where coverage watches. So it watches the quick tests of what it covers, and those slow ones without
+# which lines would seem untested.
+WATCHED = ("tests/core/", "tests/service/")
+WATCHED_THOUGH_SLOW = ("tests/core/changes/", "tests/core/paper/", "tests/core/scan/", "tests/service/")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Let coverage watch neither the process that shares the tests out, nor the others when it pauses.
+
+    In each of those pytest-cov starts twice, first as if it were alone. What began first goes on whenever the second pauses.
+    """
+    coverage = _coverage(session.config)
+    if coverage and (hasattr(session.config, "workerinput") or session.config.getoption("numprocesses", None)):
+        coverage.pause()
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
-    """Collect the tests without looking for garbage among what stays, which takes a sixth of the collection, then or later."""
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Collect the tests without looking for garbage among what stays, which takes a sixth of the collection, then or later.
+
+    All processes import the same; coverage watches the first.
+    """
+    worker = getattr(session.config, "workerinput", {"workerid": "gw0"})["workerid"]
     gc.disable()
     try:
-        return (yield)
+        with nullcontext() if worker == "gw0" else _unwatched(session.config):
+            return (yield)
     finally:
         gc.freeze()
         gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    with _unwatched(item.config) if item.get_closest_marker("unwatched") else nullcontext():
+        return (yield)
+
+
+def _coverage(config: pytest.Config) -> Any:
+    plugin = config.pluginmanager.getplugin("_cov")
+    return plugin and plugin.cov_controller
+
+
+@contextmanager
+def _unwatched(config: pytest.Config) -> Iterator[None]:
+    coverage = _coverage(config)
+    if coverage:
+        coverage.pause()
+    try:
+        yield
+    finally:
+        if coverage:
+            coverage.resume()
 
 
 @pytest.hookimpl(trylast=True)
@@ -34,8 +76,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         rank = 0 if item.get_closest_marker("integration") else 1 if item.get_closest_marker("slow") else 2
         file = _file_of(item)
         rank_of_file[file] = min(rank, rank_of_file.get(file, rank))
-        if file.startswith(UNWATCHED):
-            item.add_marker("no_cover")
+        if not file.startswith(WATCHED if rank == 2 else WATCHED_THOUGH_SLOW):
+            item.add_marker("unwatched")
     place_of_file: dict[str, float] = {}
     for waits in (False, True):
         files = [file for file, rank in rank_of_file.items() if rank and file.startswith(WAITING) == waits]

@@ -17,7 +17,7 @@ from tests.core.built_maps import localized
 from tests.core.found_pose import assert_found, known
 from tests.core.painted_box import rotation_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.no_cover]
+pytestmark = pytest.mark.slow
 WIDTH = 512
 ROOM = rooms.build_scene(rooms.SceneSpec("room", seed=4, area_m2=14.0))
 

@@ -33,7 +33,7 @@ from tests.core.found_pose import assert_found, best_of, known
 from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, session_of
 from tests.core.painted_box import rotation_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.no_cover]
+pytestmark = pytest.mark.slow
 CONFIG = LocalizerConfig()
 WIDE = Camera.from_hfov("pinhole", 640, 480, 100.0)
 SESSION = session_of(FOUR)

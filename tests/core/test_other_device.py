@@ -21,7 +21,7 @@ from tests.core.image.painted_photos import session_of
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
 
 # Each operation comes to Python, which takes twice as long where every line is watched; other tests run the same lines.
-pytestmark = [pytest.mark.slow, pytest.mark.no_cover]
+pytestmark = pytest.mark.slow
 # Each costs a GPU some 20 microseconds of waiting; a query on a map of one box asks for fewer.
 MOST_ASKED = 356
 

@@ -20,7 +20,7 @@ from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.built_maps import BOX, OTHER_BOX, SYMMETRIC, map_of
 from tests.core.painted_box import PaintedBox, rotation_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.no_cover]
+pytestmark = pytest.mark.slow
 CONFIG = AliasConfig()
 # Where the box stands a second time, a quarter turn to the left.
 AGAIN = Pose(rotation_of(90.0), np.array([12.0, 1.0, 0.0]))

@@ -52,7 +52,7 @@ KINDS: dict[str, Callable[[PaintedBox], bytes]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.no_cover
+@pytest.mark.unwatched
 @pytest.mark.parametrize("name", KINDS)
 def test_a_panorama_is_found_within_five_centimetres(localizer: Localizer, name: str) -> None:
     index = build_map_index(read(name, KINDS[name](BOX)), IndexOptions(spacing_m=1.2))

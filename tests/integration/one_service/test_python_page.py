@@ -10,7 +10,7 @@ from panoloc import PanolocClient
 from tests.integration.running_service import ROOT, RunningService
 from tests.integration.small_room import small_room
 
-pytestmark = [pytest.mark.integration, pytest.mark.no_cover]
+pytestmark = pytest.mark.integration
 
 
 def test_the_page_leads_from_a_scan_to_a_pose_and_to_the_next_one(

@@ -110,7 +110,7 @@ def test_every_reference_leads_somewhere(document: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.no_cover  # of what thousands of requests run, all is run by other tests
+@pytest.mark.unwatched
 def test_the_service_does_what_its_document_says(tmp_path: Path, listen: Listen) -> None:
     import schemathesis  # here, because every process that shares the tests imports this file
 
