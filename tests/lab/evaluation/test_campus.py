@@ -50,8 +50,8 @@ def test_wrong_answers_and_those_that_are_too_sure_of_a_twin_are_counted(tmp_pat
 
 @pytest.mark.slow
 def test_a_panorama_of_a_changed_room_is_found_among_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # An eighth of the starts.
-    coarse = partial(build_map_index, options=IndexOptions(spacing_m=1.0))
+    # A thirtieth of the starts.
+    coarse = partial(build_map_index, options=IndexOptions(spacing_m=1.5))
     monkeypatch.setattr("panoloc.lab.evaluation.campus.build_map_index", coarse)
     campus = Campus(tmp_path, 2)
     for number in range(campus.num_maps):
