@@ -22,8 +22,7 @@ class JudgeConfig:
     # soft light, with and without grain, the richest 46; 20 degrees of a photo had 75 and were put elsewhere.
     least_edges_deg: float = 90.0
     agreement: float = 0.45  # correlation from which on a patch agrees, or an image surely shows what is there
-    # An answer that is this sure is the answer; one at a single place may be less so once all candidates of a search were looked at.
-    sure: float = 0.8
+    sure: float = 0.9  # from which on a place is the answer, and the search ends
 
 
 @dataclass(frozen=True)

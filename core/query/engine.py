@@ -89,8 +89,6 @@ class Engine:
                 contest.add(portion)
                 if self.is_sure(contest):
                     return num_starts, num_poses
-            if self.is_sure(contest, is_last=True):
-                break
         return num_starts, num_poses
 
     def _guessed(self, rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> Rig:
@@ -115,11 +113,7 @@ class Engine:
         """Return whether the best of hypotheses would be answered, alone or with its equals."""
         return bool(contest.hypotheses) and self._verdict(contest).status != "not_localized"
 
-    def is_sure(self, contest: Contest, is_last: bool = False) -> bool:
-        """Return whether the best hypothesis leaves nothing to search for. is_last: no candidate of the search is left."""
-        if not contest.hypotheses:
-            return False
-        judge, found = self.config.judge, self._verdict(contest)
-        if is_last and found.status == "localized":
-            return True
-        return found.status != "not_localized" and found.together >= judge.sure
+    def is_sure(self, contest: Contest) -> bool:
+        """Return whether the best hypothesis leaves nothing to search for."""
+        found = self._verdict(contest) if contest.hypotheses else None
+        return found is not None and found.status == "localized" and found.together >= self.config.judge.sure
