@@ -1,6 +1,5 @@
 """One map of a query: what it asks of poses there, and how they are rendered, judged and aligned."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -94,10 +93,8 @@ class MapQuery:
 
     def _judged(self, group: Sequence[Hypothesis], comparison: Comparison) -> list[Hypothesis]:
         """Return hypotheses of one focal length with the measures of a comparison, and how well lines agree with their rotations."""
-        # Patches of the images, not of the scan: what a longer focal length spreads must not seem to be more alike.
-        patch_deg = self.rig.patch_deg / math.exp(group[0].log_focal or 0.0)
         agreeing = None if self.lines is None else 1 - self.lines.missed(stacked_poses(group)[0])
-        measured = agreement(comparison, self.config.judge, self.rig.shares(group), patch_deg, agreeing)
+        measured = agreement(comparison, self.config.judge, self.rig.shares(group), self.rig.patch_deg, agreeing)
         return with_agreement(group, replace(measured, score=measured.score * self.rig.likelihoods(group)))
 
     def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> PointPlanes:

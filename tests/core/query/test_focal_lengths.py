@@ -23,6 +23,7 @@ from panoloc.core.query.focal_lengths import (
     guesses,
     with_other_focal_lengths,
 )
+from panoloc.core.query.map_query import prepare_queries
 from panoloc.core.query.prepared_rig import PreparedRig
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, SYMMETRIC, TWIN, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known
@@ -139,6 +140,18 @@ def test_scores_of_other_focal_lengths_than_stated_count_less_and_shares_are_tho
 
 
 # What is found.
+
+
+def test_a_pose_with_another_focal_length_is_judged_as_if_it_was_stated() -> None:
+    """The right pose of a zoomed photo has to win against those that a wrong focal length makes seem right."""
+    (index,) = (map_of(BOX),)
+    factor = TAKEN.fx_px / zoomed().camera.fx_px
+    (unsure,) = prepare_queries(Rig.of_photo(zoomed()), [index], None, CONFIG)
+    (told,) = prepare_queries(Rig.of_photo(photo_of(TAKEN)), [index], None, CONFIG)
+    at = torch.tensor(POSE.rotation).float(), torch.tensor(POSE.position - index.origin_offset).float()
+    found, _ = unsure.judge_alone(Hypothesis(0, 0, *at, log_focal=math.log(factor)))
+    exact, _ = told.judge_alone(Hypothesis(0, 0, *at))
+    assert found.score == pytest.approx(FOCAL.stated * exact.score, rel=0.1)  # its edges are taken to be as stated
 
 
 def test_the_cameras_of_an_answer_are_those_of_its_best_pose() -> None:
