@@ -20,13 +20,12 @@ from panoloc.core.results import Localization
 class Verdict:
     """Hypotheses at different places, best first, the confidence of each, what to say of the best one, and its radii.
 
-    together: how sure it is that the best, or one of its equals, is the right one. num_equals: how many places come first together.
+    num_equals: how many places come first together.
     """
 
     places: list[Hypothesis]
     confidences: list[float]
     status: Status
-    together: float
     accuracy: Accuracy
     num_equals: int = 1
 
@@ -52,10 +51,10 @@ def verdict(
         if equals:
             shared = [alone / (len(equals) + 1)] * (len(equals) + 1)
             confidences = shared + _left_over(unequal, 1 - alone, shared[0])
-            return Verdict([best, *equals, *unequal], confidences, "ambiguous", alone, accuracy, len(shared))
+            return Verdict([best, *equals, *unequal], confidences, "ambiguous", accuracy, len(shared))
     status: Status = "localized" if against_all >= model.threshold else "not_localized"
     confidences = [against_all, *_left_over(rivals, 1 - against_all, against_all)]
-    return Verdict(places, confidences, status, against_all, accuracy)
+    return Verdict(places, confidences, status, accuracy)
 
 
 def _left_over(places: Sequence[Hypothesis], left: float, most: float) -> list[float]:

@@ -114,6 +114,5 @@ class Engine:
         return bool(contest.hypotheses) and self._verdict(contest).status != "not_localized"
 
     def is_sure(self, contest: Contest) -> bool:
-        """Return whether the best hypothesis leaves nothing to search for."""
-        found = self._verdict(contest) if contest.hypotheses else None
-        return found is not None and found.status == "localized" and found.together >= self.config.judge.sure
+        """Return whether the best hypothesis leaves nothing to search for; of equal places none is so sure."""
+        return bool(contest.hypotheses) and self._verdict(contest).confidences[0] >= self.config.judge.sure

@@ -33,14 +33,12 @@ def test_a_place_that_fits_far_better_than_all_others_is_localized() -> None:
     found = judge(judged(0.0, 1.8), judged(3.0, 0.6, 0.3))
     assert (found.status, found.num_equals) == ("localized", 1)
     assert found.confidences == pytest.approx([ALONE, 1 - ALONE])
-    assert found.together == found.confidences[0]
 
 
 def test_two_places_that_fit_alike_are_ambiguous() -> None:
     found = judge(judged(0.0, 1.8), judged(3.0, 1.79))
     assert (found.status, found.num_equals) == ("ambiguous", 2)
     assert found.confidences == pytest.approx([ALONE / 2] * 2)
-    assert found.together == pytest.approx(ALONE)
 
 
 def test_of_three_equals_each_is_a_third_and_the_rest_comes_last_and_stays_improbable() -> None:

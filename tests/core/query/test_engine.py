@@ -16,14 +16,14 @@ SURE = LocalizerConfig().judge.sure
 
 
 @pytest.mark.parametrize(
-    ("status", "together", "ends"),
-    [("localized", SURE, True), ("localized", SURE - 0.01, False), ("ambiguous", 1.0, False)],
+    ("status", "confidences", "ends"),
+    [("localized", [SURE, 0.01], True), ("localized", [SURE - 0.01, 0.01], False), ("ambiguous", [0.5, 0.5], False)],
 )
 def test_one_sure_place_ends_a_search_and_equals_do_not_for_the_right_one_may_be_elsewhere(
-    status: Status, together: float, ends: bool, monkeypatch: pytest.MonkeyPatch
+    status: Status, confidences: list[float], ends: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     engine = Engine(LocalizerConfig(), load_confidence_model())
-    found = Verdict([], [], status, together, Accuracy(0.01, 0.1))
+    found = Verdict([], confidences, status, Accuracy(0.01, 0.1))
     monkeypatch.setattr(engine, "_verdict", lambda contest: found)
     contest: Any = SimpleNamespace(hypotheses=["best"])
     assert engine.is_sure(contest) is ends
