@@ -76,13 +76,8 @@ class MapQuery:
     def judge(self, group: Sequence[Hypothesis], is_first: bool = False) -> list[Hypothesis]:
         """Return the hypotheses with the score and measures of renderings; is_first: of coarse ones, where there are many poses."""
         rows = self.config.descriptors.view_height if is_first else self.rig.rows
-        judged: list[Hypothesis] = []
-        for log_focal in dict.fromkeys(h.log_focal for h in group):
-            alike = [h for h in group if h.log_focal == log_focal]
-            for first in range(0, len(alike), RENDER_BATCH):
-                part = alike[first : first + RENDER_BATCH]
-                judged += self._judged(part, self.compare(part, rows))
-        return judged
+        parts = [group[first : first + RENDER_BATCH] for first in range(0, len(group), RENDER_BATCH)]
+        return [judged for part in parts for judged in self._judged(part, self.compare(part, rows))]
 
     def judge_alone(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Comparison]:
         """Return one hypothesis judged on the largest rendering, with how thick surfaces of the scan are, and the comparison."""
@@ -92,7 +87,7 @@ class MapQuery:
         return replace(judged, measures=measures), comparison
 
     def _judged(self, group: Sequence[Hypothesis], comparison: Comparison) -> list[Hypothesis]:
-        """Return hypotheses of one focal length with the measures of a comparison, and how well lines agree with their rotations."""
+        """Return hypotheses with the measures of a comparison, and how well lines agree with their rotations."""
         agreeing = None if self.lines is None else 1 - self.lines.missed(stacked_poses(group)[0])
         measured = agreement(comparison, self.config.judge, self.rig.shares(group), self.rig.patch_deg, agreeing)
         return with_agreement(group, replace(measured, score=measured.score * self.rig.likelihoods(group)))
