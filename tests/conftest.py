@@ -20,9 +20,10 @@ WATCHED_THOUGH_SLOW = ("tests/core/changes/", "tests/core/paper/", "tests/core/s
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Let coverage watch neither the process that shares the tests out, nor the others when it pauses.
+    """Stop what pytest-cov starts too early.
 
-    In each of those pytest-cov starts twice, first as if it were alone. What began first goes on whenever the second pauses.
+    Where several processes share the tests, it starts in each as if that were alone, and then once more. To pause the second would wake the
+    first. The process that hands the tests out runs none, and need not be watched.
     """
     coverage = _coverage(session.config)
     if coverage and (hasattr(session.config, "workerinput") or session.config.getoption("numprocesses", None)):
@@ -33,7 +34,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Collect the tests without looking for garbage among what stays, which takes a sixth of the collection, then or later.
 
-    All processes import the same; coverage watches the first.
+    Each process imports the same, so coverage watches the first one alone.
     """
     worker = getattr(session.config, "workerinput", {"workerid": "gw0"})["workerid"]
     gc.disable()

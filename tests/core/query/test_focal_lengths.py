@@ -25,6 +25,7 @@ from panoloc.core.query.focal_lengths import (
 )
 from panoloc.core.query.map_query import prepare_queries
 from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.render.synthetic_view import RENDER_BATCH
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, SYMMETRIC, TWIN, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known
 from tests.core.image.painted_photos import photo_of
@@ -144,7 +145,7 @@ def test_scores_of_other_focal_lengths_than_stated_count_less_and_shares_are_tho
 
 def test_a_pose_with_another_focal_length_is_judged_as_if_it_was_stated() -> None:
     """The right pose of a zoomed photo has to win against those that a wrong focal length makes seem right."""
-    (index,) = (map_of(BOX),)
+    index = map_of(BOX)
     factor = TAKEN.fx_px / zoomed().camera.fx_px
     (unsure,) = prepare_queries(Rig.of_photo(zoomed()), [index], None, CONFIG)
     (told,) = prepare_queries(Rig.of_photo(photo_of(TAKEN)), [index], None, CONFIG)
@@ -152,6 +153,19 @@ def test_a_pose_with_another_focal_length_is_judged_as_if_it_was_stated() -> Non
     found, _ = unsure.judge_alone(Hypothesis(0, 0, *at, log_focal=math.log(factor)))
     exact, _ = told.judge_alone(Hypothesis(0, 0, *at))
     assert found.score == pytest.approx(FOCAL.stated * exact.score, rel=0.1)  # its edges are taken to be as stated
+
+
+def test_poses_that_are_judged_together_have_the_scores_that_they_have_alone() -> None:
+    index = map_of(BOX)
+    (query,) = prepare_queries(Rig.of_photo(zoomed()), [index], None, CONFIG)
+    rotation = torch.tensor(POSE.rotation).float()
+    middle = torch.tensor(POSE.position - index.origin_offset).float()
+    group = [
+        Hypothesis(0, 0, rotation, middle + 0.05 * k, log_focal=(None, 0.1, 0.3)[k % 3])
+        for k in range(RENDER_BATCH + 2)
+    ]
+    alone = [judged.score for each in group for judged in query.judge([each])]
+    assert [each.score for each in query.judge(group)] == pytest.approx(alone, rel=1e-3)
 
 
 def test_the_cameras_of_an_answer_are_those_of_its_best_pose() -> None:
