@@ -1,7 +1,7 @@
 """The engine. The order of the steps of a query is written here and nowhere else:
 
 prepare → refine and judge where the caller expects the rig
-→ unless that is sure, or the caller wants nothing else, for each round:
+→ unless that is localized, or the caller wants nothing else, for each round:
   propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
 → the same for aliases of the best pose, and for other focal lengths.
 """
@@ -14,7 +14,7 @@ from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import MethodResult
 from panoloc.core.decide.verdict import Verdict, verdict
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import Hints
+from panoloc.core.options import Hints, Status
 from panoloc.core.query.contest import Contest
 from panoloc.core.query.focal_lengths import FoundCameras, focal_prior, found_cameras, guesses
 from panoloc.core.query.map_query import MapQuery, prepare_queries
@@ -43,7 +43,7 @@ class Engine:
         num_starts, num_poses = 0, 0
         if not self._is_where_expected(queries, hints, contest):
             num_starts, num_poses = self._search(queries, contest, clock)
-        if self.is_answer(contest) and not is_only:
+        if self.status(contest) != "not_localized" and not is_only:
             with clock.stage("search"):
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
             if aliases:
@@ -63,15 +63,16 @@ class Engine:
         return result, found_cameras(given, rig, result.hypotheses)
 
     def _is_where_expected(self, queries: Sequence[MapQuery], hints: Hints | None, contest: Contest) -> bool:
-        """Return whether an answer is sure that the caller expects, or he wants no other: then nothing is searched."""
+        """Return whether the rig is localized where the caller expects it, or he wants no other answer: then nothing is searched."""
         if hints is None or hints.prior is None or len(queries) != 1:
             return False
         contest.most_margin = self.config.refinement.margin
         if hints.prior.is_only:
             contest.add(poses_of_prior(queries[0], hints.prior))
             return True
-        # The last steps take the most time; what fits badly before them is not sure after them.
-        if contest.add_promising(poses_of_prior(queries[0], hints.prior), self.confidence) and self.is_sure(contest):
+        # The last steps take the most time; what fits badly before them is no answer after them.
+        expected = poses_of_prior(queries[0], hints.prior)
+        if contest.add_promising(expected, self.confidence) and self.status(contest) == "localized":
             return True
         contest.most_margin = None
         return False
@@ -109,9 +110,9 @@ class Engine:
     def _verdict(self, contest: Contest) -> Verdict:
         return verdict(contest.hypotheses, self.confidence, contest.noise)
 
-    def is_answer(self, contest: Contest) -> bool:
-        """Return whether the best of hypotheses would be answered, alone or with its equals."""
-        return bool(contest.hypotheses) and self._verdict(contest).status != "not_localized"
+    def status(self, contest: Contest) -> Status:
+        """Return what would be said of the best of hypotheses."""
+        return self._verdict(contest).status if contest.hypotheses else "not_localized"
 
     def is_sure(self, contest: Contest) -> bool:
         """Return whether the best hypothesis leaves nothing to search for; of equal places none is so sure."""

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.confidence import load_confidence_model
 from panoloc.core.decide.verdict import Doubts
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
@@ -90,10 +91,10 @@ def test_a_wrong_prior_changes_no_answer(metres: tuple[float, float, float]) -> 
 
 
 @pytest.mark.slow
-def test_what_is_not_sure_where_it_was_expected_is_searched() -> None:
-    config = LocalizerConfig()
-    never_sure = Localizer(replace(config, judge=replace(config.judge, sure=2.0)), "cpu")
-    found = never_sure.localize(rig_of(panorama()), [map_of(BOX, COARSE)], hints=expected(POSE))
+def test_what_is_not_localized_where_it_was_expected_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    doubting = replace(load_confidence_model(), threshold=2.0)
+    monkeypatch.setattr("panoloc.core.localizer.load_confidence_model", lambda: doubting)
+    found = Localizer(device="cpu").localize(rig_of(panorama()), [map_of(BOX, COARSE)], hints=expected(POSE))
     assert found.search.num_starts == answer().search.num_starts
 
 
