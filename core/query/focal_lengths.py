@@ -49,21 +49,22 @@ def focal_prior(rig: Rig, config: FocalConfig) -> FocalPrior | None:
     """Return what is known of the focal lengths of a rig; None where its cameras have none,
     or their intrinsics were given.
 
-    Raises OptionsError where only bounds are known, of one of several photos.
+    Raises OptionsError where bounds are known of some of several photos, or others of each.
     """
     photos = rig.photos
-    ranges = [photo.hfov_range_deg for photo in photos]
-    if len(ranges) > 1 and any(ranges):
+    range_deg, *others = [photo.hfov_range_deg for photo in photos]
+    if any(other != range_deg for other in others):
         raise OptionsError(
-            "hfov_range_deg: expected a single photo, got several; send hfov_deg or the intrinsics of each"
+            "hfov_range_deg: expected the same bounds for all images, taken with one camera, got others; "
+            "send hfov_deg or the intrinsics of each"
         )
     if not rig.has_focal_length:
         return None
-    if ranges[0] is None and not any(photo.focal_uncertainty for photo in photos):
+    if range_deg is None and not any(photo.focal_uncertainty for photo in photos):
         return None
-    if ranges[0] is None:
+    if range_deg is None:
         return FocalPrior(*config.bounds, is_stated=True)
-    least, most = (_log_factor(photos[0].camera, width) for width in reversed(ranges[0]))
+    least, most = (_log_factor(photos[0].camera, width) for width in reversed(range_deg))
     return FocalPrior(least, most, is_stated=False)
 
 

@@ -1470,7 +1470,7 @@ export interface components {
             hfov_deg?: number | null;
             /**
              * Hfov Range Deg
-             * @description Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as long; `images[0].camera` in the answer has the result.
+             * @description Bounds of an unknown field of view of `pinhole` photos, such as `[45, 85]`, the same for all images. The search takes several times as long; `images[…].camera` in the answer has the result.
              */
             hfov_range_deg?: [
                 number,

@@ -131,8 +131,8 @@ class Camera(RequestModel):
     hfov_deg: _Number | None = Field(None, description="Horizontal field of view, instead of `fx_px` … `cy_px`.")
     hfov_range_deg: Annotated[list[_Number], Field(min_length=2, max_length=2)] | None = Field(
         None,
-        description="Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as "
-        "long; `images[0].camera` in the answer has the result.",
+        description="Bounds of an unknown field of view of `pinhole` photos, such as `[45, 85]`, the same for all images. The search takes "
+        "several times as long; `images[…].camera` in the answer has the result.",
     )
     unless_panorama: bool = Field(
         False,

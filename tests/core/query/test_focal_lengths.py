@@ -78,10 +78,14 @@ def test_what_is_known_are_bounds_or_a_statement_or_all_of_it() -> None:
         assert math.exp(log) == pytest.approx(math.tan(math.radians(35)) / math.tan(math.radians(width_deg / 2)))
 
 
-def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale() -> None:
-    image = RigImage(of_unknown_field_of_view((60.0, 100.0)), Pose(np.eye(3), np.zeros(3)))
-    with pytest.raises(OptionsError, match="hfov_range_deg: expected a single photo"):
-        focal_prior(Rig((image, image)), FOCAL)
+@pytest.mark.parametrize("other", [(60.0, 90.0), None])
+def test_photos_of_several_cameras_are_not_searched_together(other: tuple[float, float] | None) -> None:
+    photos = (
+        of_unknown_field_of_view((60.0, 100.0)),
+        replace(of_unknown_field_of_view((60.0, 100.0)), hfov_range_deg=other),
+    )
+    with pytest.raises(OptionsError, match="hfov_range_deg: expected the same bounds for all images"):
+        focal_prior(Rig(tuple(RigImage(photo, Pose(np.eye(3), np.zeros(3))) for photo in photos)), FOCAL)
 
 
 @pytest.mark.parametrize("bounds_deg", [(70.0, 71.0), (60.0, 90.0), (45.0, 100.0)])
@@ -255,6 +259,20 @@ def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(bounds_deg: tuple
     assert_found(found, POSE, 0.15, 3.0)
     # What the focal length leaves open: some percent of the metres to the walls.
     assert known(found.accuracy_position_m) > 0.04
+
+
+@pytest.mark.slow
+def test_a_session_is_found_although_nobody_knows_how_wide_its_images_are() -> None:
+    camera = Camera.from_hfov("pinhole", 320, 240, 66.0)
+    turns = [Pose(rotation_of(90.0 * k), np.zeros(3)) for k in range(2)]
+    photos = [
+        replace(said_to_be(photo_of(camera, POSE.after(turn)), 70.0, 0.0), hfov_range_deg=(56.0, 84.0))
+        for turn in turns
+    ]
+    found = localized(Rig(tuple(map(RigImage, photos, turns))))
+    assert found.status == "localized"
+    assert_found(found, POSE)
+    assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([66.0] * 2, abs=2.0)
 
 
 @pytest.mark.slow

@@ -3,15 +3,17 @@
 import { RequestError, shown } from "../api/problem.ts";
 import type { Answer, Problem } from "../api/types.ts";
 import type { Upload } from "../api/upload.ts";
-import { acrossLonger, ANY, around, GUESSED_SHARE, GUESSES_DEG, Lenses } from "./lens.ts";
+import { acrossLonger, ANY, Lenses } from "./lens.ts";
 import { angleBetween, lookOf, type Quaternion } from "./orientation.ts";
-import { askOne, askTogether, standingAt, type TurnedShot } from "./query.ts";
+import { ask, type TurnedShot } from "./query.ts";
 
 export const MOST_SHOTS = 6;
 /** From one picture to the next: they overlap no more than little. */
 const APART_DEG = 38;
 const SURE = 0.9;
-const EXACT_M = 0.1;
+const EXACT_M = 0.07;
+/** Arms of unknown length keep several pictures from more. */
+const EXACT_TOGETHER_M = 0.2;
 
 const lenses = new Lenses(localStorage);
 
@@ -58,7 +60,8 @@ export class Finding {
 
   /** Take a picture in, and ask; a picture that the others cannot be joined with replaces them. */
   async add(shot: TurnedShot): Promise<void> {
-    this.shots = this.canTurn && shot.orientation ? [...this.shots, shot] : [shot];
+    const canJoin = this.canTurn && shot.orientation && shot.width === this.shots[0]?.width;
+    this.shots = canJoin ? [...this.shots, shot] : [shot];
     if (this.isAsking) return;
     this.isAsking = true;
     this.problem = null;
@@ -66,7 +69,9 @@ export class Finding {
       let shots: TurnedShot[];
       do {
         shots = this.shots;
-        await (shots.length === 1 ? this.askAboutOne(shots[0]!) : this.askAboutAll(shots));
+        const last = shots.at(-1)!;
+        this.answer = shots.length === 1 ? await this.askedAlone(last) : await this.answered(ask(this.mapId, shots, lenses.range(last.lens)));
+        this.lastShot = last;
       } while (this.shots !== shots && !this.isSure);
     } catch (error) {
       if (!(error instanceof DOMException && error.name === "AbortError")) this.problem = shown(error);
@@ -80,42 +85,18 @@ export class Finding {
     this.answer = this.lastShot = this.problem = null;
   }
 
-  private async askAboutOne(shot: TurnedShot): Promise<void> {
-    this.answer = await this.askedAlone(shot);
-    this.lastShot = shot;
-  }
-
-  /** Ask about all pictures, and where that finds a place, about the last one there: it is exact, however long an arm is. */
-  private async askAboutAll(shots: TurnedShot[]): Promise<void> {
-    const last = shots.at(-1)!;
-    const known = lenses.known(last.lens);
-    let best: Answer | null = null;
-    for (const hfovDeg of known === null ? GUESSES_DEG : [known]) {
-      const together = await this.answered(askTogether(this.mapId, shots, hfovDeg));
-      if (best === null || rank(together) > rank(best)) best = together;
-      const image = together.images.at(-1);
-      if (rank(together) < SURE || !image?.pose) continue;
-      const range = known === null ? around(acrossLonger(image.camera.hfov_deg, last.width, last.height), GUESSED_SHARE) : lenses.range(last.lens);
-      const exact = this.learnt(last, await this.answered(askOne(this.mapId, last, range, standingAt(image.pose))));
-      if (isSure(exact) && agree(exact, together)) best = exact;
-      break;
-    }
-    this.answer = best;
-    this.lastShot = last;
-  }
-
   private async askedAlone(shot: TurnedShot): Promise<Answer> {
     if (shot.image instanceof File) {
       try {
-        return await this.answered(askOne(this.mapId, shot, null));
+        return await this.answered(ask(this.mapId, [shot], null));
       } catch (error) {
         if (!(error instanceof RequestError) || error.problem.status !== 422) throw error;
       }
     }
-    const answer = this.learnt(shot, await this.answered(askOne(this.mapId, shot, lenses.range(shot.lens))));
+    const answer = this.learnt(shot, await this.answered(ask(this.mapId, [shot], lenses.range(shot.lens))));
     if (isSure(answer) || lenses.known(shot.lens) === null) return answer;
     // What was remembered may be what is wrong.
-    const anew = await this.answered(askOne(this.mapId, shot, ANY));
+    const anew = await this.answered(ask(this.mapId, [shot], ANY));
     if (!isSure(anew)) return answer;
     lenses.forget(shot.lens);
     return this.learnt(shot, anew);
@@ -126,7 +107,7 @@ export class Finding {
     return asked.done;
   }
 
-  /** Remember the field of view that a sure answer found. Of several pictures it may only make up for the length of an arm. */
+  /** Remember the field of view that a sure answer about one picture found. Of several it may only make up for the length of an arm. */
   private learnt(shot: TurnedShot, answer: Answer): Answer {
     const camera = answer.images[0]?.camera;
     if (isSure(answer) && camera) lenses.learn(shot.lens, acrossLonger(camera.hfov_deg, shot.width, shot.height));
@@ -134,15 +115,10 @@ export class Finding {
   }
 }
 
-/** Whether an answer says exactly enough where somebody stands. Arms of unknown length keep several pictures from that. */
+/** Whether an answer says exactly enough where somebody stands. */
 function isSure(answer: Answer): boolean {
-  return rank(answer) >= SURE && (answer.accuracy?.position_m ?? Infinity) <= EXACT_M;
-}
-
-/** Whether one picture says what several do, as exactly as those can. */
-function agree(exact: Answer, together: Answer): boolean {
-  const [one, last] = [exact.images[0]?.pose, together.images.at(-1)?.pose].map((pose) => pose && standingAt(pose));
-  return one != null && last != null && Math.hypot(one.x - last.x, one.y - last.y) <= (together.accuracy?.position_m ?? 0);
+  const enough = answer.images.length > 1 ? EXACT_TOGETHER_M : EXACT_M;
+  return rank(answer) >= SURE && (answer.accuracy?.position_m ?? Infinity) <= enough;
 }
 
 /** Return the confidence in a place, below 0 where there is none. */

@@ -7,11 +7,8 @@ export type Range = [number, number];
 
 /** Of the cameras of phones, in videos and photos. */
 export const ANY: Range = [50, 92];
-/** Where several pictures need one and none is known: what most phones have, with and without the crop of a steadied video. */
-export const GUESSES_DEG = [70, 61];
-/** How far off a remembered one may be, and one that was found from a guess. */
+/** How far off a remembered one may be. */
 const KNOWN_SHARE = 0.08;
-export const GUESSED_SHARE = 0.14;
 const MOST_COUNTED = 8;
 
 interface Known {
@@ -35,7 +32,7 @@ export class Lenses {
   /** Return the bounds to search. */
   range(name: string): Range {
     const deg = this.known(name);
-    return deg === null ? ANY : around(deg, KNOWN_SHARE);
+    return deg === null ? ANY : [deg * (1 - KNOWN_SHARE), deg * (1 + KNOWN_SHARE)];
   }
 
   /** Count what a sure answer found. */
@@ -56,10 +53,6 @@ export class Lenses {
   private all(): Record<string, Known> {
     return JSON.parse(this.store.getItem(this.entry) ?? "{}") as Record<string, Known>;
   }
-}
-
-export function around(deg: number, share: number): Range {
-  return [deg * (1 - share), deg * (1 + share)];
 }
 
 /** Return the field of view across the width of a picture, from that across its longer side. */

@@ -23,24 +23,22 @@ export interface Standing {
 const ARM_M = 0.35;
 const ARM_NOISE_M = 0.1;
 const TURN_NOISE_DEG = 2;
-/** Around the place that several pictures found: one picture says it more exactly, since arms differ. */
-const NEAR_M = 1;
-const NEAR_DEG = 25;
 
 type Options = Record<string, unknown>;
 
-/** Ask where one picture was taken. range: of its field of view, across the longer side; null: as its file says. */
-export function askOne(mapId: string, shot: TurnedShot, range: Range | null, near?: Standing): Upload<Answer> {
-  const hints = near && { position_m: [near.x, near.y, near.z], radius_m: NEAR_M, heading_deg: near.yawDeg, heading_tolerance_deg: NEAR_DEG };
-  const lens = range && { model: "pinhole", hfov_range_deg: range.map((deg) => acrossWidth(deg, shot.width, shot.height)) };
-  const cameras = lens || shot.orientation ? [{ ...lens, ...turnOf(shot) }] : undefined;
-  return send(mapId, [shot], { hints, cameras });
-}
-
-/** Ask where pictures were taken while somebody turned on the spot; hfovDeg: across the longer side. */
-export function askTogether(mapId: string, shots: TurnedShot[], hfovDeg: number): Upload<Answer> {
-  const cameras = shots.map((shot) => ({ model: "pinhole", hfov_deg: acrossWidth(hfovDeg, shot.width, shot.height), ...turnOf(shot) }));
-  return send(mapId, shots, { cameras });
+/**
+ * Ask where pictures were taken, of several while somebody turned on the spot. range: of their field of view, across the longer side; null:
+ * as their files say.
+ */
+export function ask(mapId: string, shots: TurnedShot[], range: Range | null): Upload<Answer> {
+  const form = new FormData();
+  const isTurned = shots.every((shot) => shot.orientation);
+  const session = isTurned ? { up: "known", position_noise_m: ARM_NOISE_M, orientation_noise_deg: TURN_NOISE_DEG } : undefined;
+  const cameras = shots.map((shot) => ({ ...(range && lensOf(shot, range)), ...turnOf(shot) }));
+  form.append("options", JSON.stringify({ frame: "webxr", session, cameras }));
+  form.append("map_id", mapId);
+  for (const [number, shot] of shots.entries()) form.append("image", shot.image, `${number + 1}.jpg`);
+  return upload<Answer>({ path: "/localize", form });
 }
 
 export function standingAt(pose: Pose): Standing {
@@ -48,14 +46,8 @@ export function standingAt(pose: Pose): Standing {
   return { x, y: -z, z: y, yawDeg: pose.yaw_deg };
 }
 
-function send(mapId: string, shots: TurnedShot[], options: Options): Upload<Answer> {
-  const form = new FormData();
-  const isTurned = shots.every((shot) => shot.orientation);
-  const session = isTurned ? { up: "known", position_noise_m: ARM_NOISE_M, orientation_noise_deg: TURN_NOISE_DEG } : undefined;
-  form.append("options", JSON.stringify({ frame: "webxr", session, ...options }));
-  form.append("map_id", mapId);
-  for (const [number, shot] of shots.entries()) form.append("image", shot.image, `${number + 1}.jpg`);
-  return upload<Answer>({ path: "/localize", form });
+function lensOf(shot: TurnedShot, range: Range): Options {
+  return { model: "pinhole", hfov_range_deg: range.map((deg) => acrossWidth(deg, shot.width, shot.height)) };
 }
 
 function turnOf({ orientation }: TurnedShot): Options {
