@@ -34,7 +34,7 @@ export function ask(mapId: string, shots: TurnedShot[], range: Range | null): Up
   const form = new FormData();
   const isTurned = shots.every((shot) => shot.orientation);
   const session = isTurned ? { up: "known", position_noise_m: ARM_NOISE_M, orientation_noise_deg: TURN_NOISE_DEG } : undefined;
-  const cameras = shots.map((shot) => ({ ...(range && lensOf(shot, range)), ...turnOf(shot) }));
+  const cameras = range || isTurned ? shots.map((shot) => ({ ...(range && lensOf(shot, range)), ...turnOf(shot) })) : undefined;
   form.append("options", JSON.stringify({ frame: "webxr", session, cameras }));
   form.append("map_id", mapId);
   for (const [number, shot] of shots.entries()) form.append("image", shot.image, `${number + 1}.jpg`);
