@@ -5,7 +5,6 @@ Points behind a wall must not vote: all of them come out of a z-buffer, first th
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -40,22 +39,11 @@ def look_directions(pyramid: RigPyramid, count: int, margin_deg: float, patch_de
 
     The margin must be wider than a pose can turn: points that leave an image lower the loss, and others must take their place.
     """
-    total = max(16, round(count / max(pyramid.share, 1e-3)))  # the same for all images of a camera
-    every, patches = _lattice_in_patches(total, patch_deg, str(pyramid.rotations.device))
-    chosen = pyramid.shows(every, math.radians(margin_deg))
-    directions = every[chosen]
-    numbers = torch.unique_consecutive(patches[chosen], return_inverse=True)[1]
-    return LookDirections(directions, pyramid.sees(directions), numbers)
-
-
-@lru_cache(maxsize=12)
-@torch.inference_mode(False)  # they outlive the query that asked for them first
-def _lattice_in_patches(count: int, patch_deg: float, device: str) -> tuple[Tensor, Tensor]:
-    """Return directions spread evenly (count, 3), patch after patch, and the number of each one's patch. Not to be changed: many share
-    them."""
-    every = even_directions(count)
-    patches, order = patch_numbers(every, patch_deg).sort(stable=True)
-    return every[order].to(device), patches.to(device)
+    every = even_directions(max(16, round(count / max(pyramid.share, 1e-3)))).to(pyramid.rotations.device)
+    directions = every[pyramid.shows(every, math.radians(margin_deg))]
+    patches, order = patch_numbers(directions, patch_deg).sort(stable=True)
+    directions = directions[order]
+    return LookDirections(directions, pyramid.sees(directions), patches)
 
 
 @dataclass(frozen=True)
