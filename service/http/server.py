@@ -4,8 +4,10 @@ close."""
 import asyncio
 import logging
 import math
+import os
 import signal
 import socket
+import ssl
 import time
 from types import FrameType
 from typing import Any, Protocol
@@ -29,6 +31,7 @@ _SEND_TIMEOUT_S = 30
 _CLOSING_S = 5
 # `timeout` and terminals signal a process, and then its process group: that is one request to end, not two.
 _ONE_SIGNAL_S = 0.1
+_TICKS_PER_S = 10  # of uvicorn's main loop
 
 
 def server_config(app: Any, **settings: Any) -> uvicorn.Config:
@@ -57,10 +60,14 @@ class Drainable(Protocol):
 
 
 class DrainingServer(uvicorn.Server):
-    """Keeps its port open while it drains, so that readiness can answer 503. A second signal ends it at once."""
+    """Keeps its port open while it drains, so that readiness can answer 503. A second signal ends it at once.
+
+    New connections get the certificate that is in the files of the configuration, which others renew every few weeks.
+    """
 
     def __init__(self, config: uvicorn.Config, pool: Drainable, drain_s: float) -> None:
         super().__init__(config)
+        self._certified_by = self._certificate_files()
         self._pool = pool
         self._drain_s = drain_s
         self._deadline: float | None = None
@@ -96,6 +103,8 @@ class DrainingServer(uvicorn.Server):
         """Tell whether the main loop ends: once nothing is under way any more, or the time to drain is over. Called
         every 0.1 s."""
         self._close_slow_heads(time.monotonic())
+        if counter % _TICKS_PER_S == 0:
+            self._renew_certificate()
         if self._deadline is not None and not self.should_exit:
             if not self._is_draining:
                 self._is_draining = True
@@ -103,6 +112,32 @@ class DrainingServer(uvicorn.Server):
                 self._pool.begin_drain()
             self.should_exit = not self._pool.num_under_way or time.monotonic() >= self._deadline
         return await super().on_tick(counter)
+
+    def _renew_certificate(self) -> None:
+        """Take the certificate from its files where these are others than before, and it fits its key: one may be written before the
+        other."""
+        certificate, key, files = self.config.ssl_certfile, self.config.ssl_keyfile, self._certificate_files()
+        if self.config.ssl is None or certificate is None or files == self._certified_by:
+            return
+        self._certified_by = files
+        try:
+            # What does not fit would be lost half way.
+            for context in (ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), self.config.ssl):
+                context.load_cert_chain(certificate, key, password="")
+        except (OSError, ValueError) as error:
+            _log.warning(
+                "the certificate cannot be renewed", extra={"certificate": str(certificate), "error": str(error)}
+            )
+        else:
+            _log.info("certificate renewed", extra={"certificate": str(certificate)})
+
+    def _certificate_files(self) -> list[tuple[int, int]]:
+        """Return what tells the files of the certificate and its key from those that replace them; nothing while one is missing."""
+        try:
+            found = [os.stat(path) for path in (self.config.ssl_certfile, self.config.ssl_keyfile) if path is not None]
+        except OSError:
+            return []
+        return [(each.st_ino, each.st_mtime_ns) for each in found]
 
     def _close_slow_heads(self, now: float) -> None:
         connections: set[Any] = set(self.server_state.connections)
