@@ -121,7 +121,7 @@ class DrainingServer(uvicorn.Server):
             return
         self._certified_by = files
         try:
-            # What does not fit would be lost half way.
+            # First into an empty one: a certificate that does not fit its key leaves a context without either.
             for context in (ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), self.config.ssl):
                 context.load_cert_chain(certificate, key, password="")
         except (OSError, ValueError) as error:

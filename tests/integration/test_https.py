@@ -37,18 +37,6 @@ def test_programs_that_trust_the_authority_speak_with_the_service_and_others_do_
         del variables["SSL_CERT_FILE"]
         done = subprocess.run(command, cwd=ROOT, env=variables, capture_output=True, text=True, timeout=60)
         assert (done.returncode, "SSL_CERT_FILE to its ca.crt" in done.stdout + done.stderr) == (1, True)
-
-        def serves(certificate: str) -> bool:
-            served = ssl.get_server_certificate(("127.0.0.1", service.port))
-            return ssl.PEM_cert_to_DER_cert(served) == ssl.PEM_cert_to_DER_cert(certificate)
-
-        make_certificate(tmp_path, ())
-        renewed = Path(files["tls_cert"]).read_text()
-        assert eventually(lambda: serves(renewed), 30), service.log
-        make_certificate(tmp_path / "other", ())
-        Path(files["tls_cert"]).write_bytes((tmp_path / "other" / "server.crt").read_bytes())
-        assert eventually(lambda: "the certificate cannot be renewed" in service.log, 30), service.log
-        assert serves(renewed)
     finally:
         service.stop()
 

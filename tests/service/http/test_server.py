@@ -1,17 +1,22 @@
-"""Signals against the real uvicorn, with an application of four lines and a pool that counts."""
+"""Signals and renewed certificates against the real uvicorn, with an application of four lines and a pool that counts."""
 
 import asyncio
 import os
 import signal
+import ssl
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from panoloc.service.host.certificates import make_certificate
 from panoloc.service.http.server import DrainingServer, server_config
+from tests.integration.running_service import eventually
 
 
 class CountingPool:
@@ -100,3 +105,39 @@ def test_a_second_signal_ends_the_drain_and_leaves_no_traceback() -> None:
 def test_a_service_that_has_lost_its_workers_waits_for_nothing() -> None:
     pool = CountingPool(1)
     assert asyncio.run(run_until_stopped(pool, 30, lambda: pool.end_server())) < 5
+
+
+def test_a_renewed_certificate_is_used_without_a_restart_unless_it_is_of_another_key(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    own, other = tmp_path / "own", tmp_path / "other"
+    certificate, key = own / "server.crt", own / "server.key"
+    make_certificate(own, ())
+    server = DrainingServer(
+        server_config(application, port=0, ssl_certfile=certificate, ssl_keyfile=key), CountingPool(), 0
+    )
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    assert eventually(lambda: server.started, 10)
+    port = server.servers[0].sockets[0].getsockname()[1]
+
+    def served() -> bytes:
+        return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", port)))
+
+    def written() -> bytes:
+        return ssl.PEM_cert_to_DER_cert(certificate.read_text())
+
+    try:
+        assert served() == written()
+        make_certificate(own, ())
+        assert eventually(lambda: served() == written(), 10)
+        renewed = written()
+        make_certificate(other, ())
+        certificate.write_bytes((other / "server.crt").read_bytes())
+        assert eventually(lambda: "the certificate cannot be renewed" in caplog.text, 10)
+        assert served() == renewed
+        make_certificate(own, ())
+        assert eventually(lambda: served() == written(), 10)
+    finally:
+        server.end()
+        thread.join()

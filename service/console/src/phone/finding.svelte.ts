@@ -60,6 +60,7 @@ export class Finding {
 
   /** Take a picture in, and ask; a picture that the others cannot be joined with replaces them. */
   async add(shot: TurnedShot): Promise<void> {
+    // All have the same bounds across their width, which another size or a turned phone would change.
     const canJoin = this.canTurn && shot.orientation && shot.width === this.shots[0]?.width;
     this.shots = canJoin ? [...this.shots, shot] : [shot];
     if (this.isAsking) return;
@@ -70,7 +71,8 @@ export class Finding {
       do {
         shots = this.shots;
         const last = shots.at(-1)!;
-        this.answer = shots.length === 1 ? await this.askedAlone(last) : await this.answered(ask(this.mapId, shots, lenses.range(last.lens)));
+        const asked = shots.length === 1 ? this.askedAlone(last) : this.answered(ask(this.mapId, shots, lenses.range(last.lens)));
+        this.answer = await asked;
         this.lastShot = last;
       } while (this.shots !== shots && !this.isSure);
     } catch (error) {
