@@ -86,8 +86,11 @@ def pannellum_page(title: str) -> ExportedFile:
 {_PHOTOS}
 const tour = await (await fetch("pannellum.json")).json();
 const viewer = (window.viewer = pannellum.viewer("viewer", {{ ...tour, escapeHTML: true }}));
-offer(Object.keys(tour.scenes).map((name) => [name, name]), (name) => viewer.loadScene(name));
-viewer.on("scenechange", (name) => {{ photos.value = name; }});
+let loading = true; // asked for another scene meanwhile, the viewer loads both at once or drops the second
+const show = () => loading || photos.value === viewer.getScene() || viewer.loadScene(photos.value);
+offer(Object.keys(tour.scenes).map((name) => [name, name]), show);
+viewer.on("scenechange", (name) => {{ loading = true; photos.value = name; }});
+for (const end of ["load", "error"]) viewer.on(end, () => {{ loading = false; setTimeout(show); }});
 </script>"""
     return _page(title, head, script)
 

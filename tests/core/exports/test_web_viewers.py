@@ -190,6 +190,7 @@ LOOK_WITH_PANNELLUM = """async ([scene, views]) => {
 def test_pannellum_shows_directions_and_links_where_they_are(chromium: Browser, tour: Tour, tmp_path: Path) -> None:
     with opened(chromium, "pannellum", tour, tmp_path) as page:
         assert has_all_photos(page, tour)
+        page.wait_for_function("viewer.isLoaded()")
         scenes = json.loads((tmp_path / "pannellum.json").read_text())["scenes"]
         for number, (name, scene) in enumerate(scenes.items()):
             linked = [list(scenes).index(spot["sceneId"]) for spot in scene["hotSpots"]]
@@ -198,6 +199,29 @@ def test_pannellum_shows_directions_and_links_where_they_are(chromium: Browser, 
                 [spot["yaw"] + scene["northOffset"], spot["pitch"]] for spot in scene["hotSpots"]
             ]
             assert worst_deg(page.evaluate(LOOK_WITH_PANNELLUM, [name, views]), wanted) < LIMIT_DEG, name
+
+
+SHOWN = {
+    "psv": "viewer.getPlugin('virtual-tour').getCurrentNode()?.id",
+    "pannellum": "viewer.isLoaded() && viewer.getScene()",
+}
+
+
+@pytest.mark.parametrize("name", ["psv", "pannellum"])
+def test_a_photo_is_shown_that_is_chosen_while_the_first_still_loads(
+    name: ExportFormat, chromium: Browser, tour: Tour, tmp_path: Path
+) -> None:
+    held: list[Route] = []
+    with opened(chromium, name, tour, tmp_path) as page:
+        page.wait_for_function(SHOWN[name])
+        page.route("**/hall*", lambda route: held.append(route), times=1)
+        with page.expect_request("**/hall*"):
+            page.reload()
+        photos = page.locator("#photos")
+        photos.select_option(index=3)
+        held[0].fulfill(path=tmp_path / tour.photos[0].name, content_type="image/jpeg")
+        page.wait_for_function(f"document.getElementById('photos').value === ({SHOWN[name]})")
+        assert photos.evaluate("photos => photos.selectedIndex") == 3
 
 
 POTREE = """window.Potree = {
