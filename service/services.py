@@ -74,7 +74,7 @@ class Services:
         self._tasks: list[asyncio.Task[None]] = []
 
     async def is_there(self, path: str) -> bool:
-        """Return whether a path in `Location` leads to a map, a batch, or a query that has not failed."""
+        """Return whether a path in `Location` or `Content-Location` leads to a map, a batch, or a query that has not failed."""
         kind, _, name = path.strip("/").partition("/")
         if kind == "maps":
             await self.registry.find([name])

@@ -26,6 +26,11 @@ _CAMERA_MAY_BE_WRONG = Remark(
     "no pose fits the photo well enough; if it shows this place, much of what it shows has changed, or its field of view is not as given "
     "(a crop, a zoom): let it be searched within bounds (hfov_range_deg, --hfov 45-90)",
 )
+_NOTHING_WITHIN_BOUNDS = Remark(
+    "check_camera",
+    "no pose fits the photo well enough with any field of view within its bounds; if it shows this place, much of what it shows has "
+    "changed, or the bounds are wrong or too far apart: give the field of view (hfov_deg, --hfov 69), or narrower ones",
+)
 _FOCAL_LENGTH_IS_UNKNOWN = Remark(
     "accuracy_too_low",
     "the field of view is not known well enough to say where the photo was taken; give it (hfov_deg, --hfov 69), or the intrinsics",
@@ -65,6 +70,6 @@ def why_nothing_fits(rig: Rig, hints: Hints | None) -> tuple[Remark, ...]:
         reasons.append(_CAMERAS_MAY_BE_WRONG)
     elif photos[0].camera.is_whole_sphere:
         reasons.append(_PANORAMA_MAY_BE_WRONG)
-    elif photos[0].hfov_range_deg is None:
-        reasons.append(_CAMERA_MAY_BE_WRONG)
+    else:
+        reasons.append(_CAMERA_MAY_BE_WRONG if photos[0].hfov_range_deg is None else _NOTHING_WITHIN_BOUNDS)
     return tuple(reasons)

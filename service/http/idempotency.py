@@ -18,7 +18,7 @@ from panoloc.service.http.openapi import IDEMPOTENT_PATHS
 
 _KEY = re.compile(r"[\x21-\x7e]{1,255}")
 _BOUNDARY = re.compile(r'boundary="?([^";,]+)"?', re.IGNORECASE)
-_KEPT_HEADERS = ("content-type", "location", "retry-after", "etag", "preference-applied")
+_KEPT_HEADERS = ("content-type", "location", "content-location", "retry-after", "etag", "preference-applied")
 _LARGEST_BYTES = 4 << 20
 
 
@@ -26,7 +26,7 @@ class Idempotency:
     """ASGI middleware: keeps the answers to POST requests with an `Idempotency-Key`, and sends them again for the same request."""
 
     def __init__(self, app: ASGIApp, cache: Cache, is_there: Callable[[str], Awaitable[bool]]) -> None:
-        """is_there: tells of a path in `Location` whether it still leads to what was asked for."""
+        """is_there: tells of a path in `Location` or `Content-Location` whether it still leads to what was asked for."""
         self._app, self._cache, self._is_there = app, cache, is_there
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -58,7 +58,8 @@ class Idempotency:
 
     async def _holds(self, known: dict[str, Any]) -> bool:
         """Return whether an answer is still true: what it leads to may have failed, or be deleted."""
-        location = known.get("headers", {}).get("location")
+        headers = known.get("headers", {})
+        location = headers.get("location", headers.get("content-location"))
         return location is None or await self._is_there(location)
 
 

@@ -121,6 +121,7 @@ _STATE: dict[str, Any] = {
 )
 async def localize(
     request: Request,
+    response: Response,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
 ) -> Localization | Response:
     """Return the pose of a panorama, a photo or a session. `not_localized` means that no place fits."""
@@ -145,7 +146,9 @@ async def localize(
             stack.pop_all()
             headers = {"Location": f"/localizations/{pending['id']}", "Retry-After": str(_RETRY_AFTER_S)}
             return JSONResponse(pending, 202, {**headers, "Preference-Applied": "respond-async"})
-        return await while_connected(request, services.localizations.answer(query))
+        found = await while_connected(request, services.localizations.answer(query))
+        response.headers["Content-Location"] = f"/localizations/{found.id}"
+        return found
 
 
 def maps_of(request: Request, form: Form) -> MapChoice:

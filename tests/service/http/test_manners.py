@@ -166,6 +166,11 @@ async def test_what_has_failed_since_or_is_deleted_is_done_again(running: Runnin
     await running.client.delete(f"/localizations/{second}")
     third = (await running.localize(map_id, headers=later)).json()["id"]
     assert (await running.localize(map_id, headers=later)).json()["id"] == third != second
+    at_once = {"Idempotency-Key": "at-once"}
+    told = [await running.localize(map_id, headers=at_once) for _ in range(2)]
+    assert told[0].content == told[1].content
+    assert (await running.client.delete(told[0].headers["Content-Location"])).status_code == 204
+    assert (await running.localize(map_id, headers=at_once)).json()["id"] != told[0].json()["id"]
     for path, files in (("/maps", {"file": ("a.ply", SCAN)}), ("/batches", {"image": ("a.png", png_of(8, 4))})):
         places = []
         for _ in range(3):
