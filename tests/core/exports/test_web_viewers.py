@@ -213,6 +213,7 @@ def test_a_photo_is_shown_that_is_chosen_while_the_first_still_loads(
 ) -> None:
     held: list[Route] = []
     with opened(chromium, name, tour, tmp_path) as page:
+        assert has_all_photos(page, tour)
         page.wait_for_function(SHOWN[name])
         page.route("**/hall*", lambda route: held.append(route), times=1)
         with page.expect_request("**/hall*"):
