@@ -169,7 +169,7 @@ class Localizer:
             return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
 
         map_from_session = found.best.pose.after(rig_from_session)
-        agreements = agreement_by_photo(comparison, len(rig.images), self.config.judge, self.config.descriptors)
+        agreements = agreement_by_photo(comparison, len(rig.images), self.config.descriptors)
         images = [
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(rig.images, agreements, strict=True)

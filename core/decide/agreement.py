@@ -7,6 +7,7 @@ Deviation from the paper (smallest sampling loss wins): on the hardest shared qu
 the cases and the best agreement in 1.00 (docs/experiments.md).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -136,47 +137,35 @@ def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hyp
 class PhotoAgreement:
     """What a photo shows of the scan, against the scan seen from its pose.
 
-    correlation: of all pixels, −1..1. agreeing_share: of what it shows, in patches that agree, 0..1. contrast: standard deviation of
-    its colours inside patches.
+    correlation: of all pixels, −1..1. explained: as of `Agreement`. contrast: standard deviation of its colours inside patches.
     """
 
     correlation: float
-    agreeing_share: float
+    explained: float
     contrast: float
 
     def contradicts(self, config: JudgeConfig) -> bool:
-        """Tell whether the photo cannot be of where it is said to be."""
-        agrees = self.correlation >= config.agreement or self.agreeing_share >= config.contradicting_patches
-        return not agrees and self.contrast >= config.telling_contrast
+        """Tell whether the photo cannot be of where it is said to be: it shows much, of which the scan explains next to nothing."""
+        return self.explained < config.least_explained * (self.contrast - math.sqrt(CONTRAST.noise))
 
 
 def agreement_by_photo(
-    comparison: Comparison | None, count: int, config: JudgeConfig, descriptors: DescriptorConfig
+    comparison: Comparison | None, count: int, config: DescriptorConfig
 ) -> list[PhotoAgreement | None]:
     """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view."""
     if comparison is None:
         return [None] * count
-    found = []
-    for number in range(count):
-        weights = comparison.weights * (comparison.image == number)
-        found.append(
-            _agreement(comparison, weights, config, descriptors.patch_deg) if float(weights.sum()) > 0 else None
-        )
-    return found
+    each = [replace(comparison, weights=comparison.weights * (comparison.image == number)) for number in range(count)]
+    return [_of_photo(alone, config.patch_deg) if float(alone.weights.sum()) > 0 else None for alone in each]
 
 
-def _agreement(comparison: Comparison, weights: Tensor, config: JudgeConfig, patch_deg: float) -> PhotoAgreement:
-    """Measure one photo, whose pixels alone have weights (1, S)."""
-    shares = weights / weights.sum()
-    scan, photo, window = comparison.scan, comparison.seen, comparison.views.window
-    sides = torch.cat((scan, photo, shares[..., None]), dim=-1)
-    patches = in_patches(sides, window, round(window.rows * patch_deg / 180))
-    inside, mass = correlation_in_patches(patches, CONTRAST.noise)
-    within = patches[..., 6:] / mass.clamp_min(1e-12)[..., None, None]
-    colors = patches[..., 3:6]
+def _of_photo(comparison: Comparison, patch_deg: float) -> PhotoAgreement:
+    """Measure the one photo whose pixels have weights (1, S)."""
+    window = comparison.views.window
+    side = round(window.rows * patch_deg / 180)
+    total, correlation_of_all, _, explained = _measured(comparison, side)
+    share = in_patches(comparison.weights[..., None] / total[:, None, None], window, side)
+    mass = share.sum((-2, -1))
+    within, colors = share / mass.clamp_min(1e-12)[..., None, None], in_patches(comparison.seen, window, side)
     spread = (within * (colors - (within * colors).sum(-2, keepdim=True)).square()).sum((-2, -1)).sqrt()
-    return PhotoAgreement(
-        float(correlation(scan, photo, shares, CONTRAST.noise).mean()),
-        float(((inside >= config.agreement) * mass).sum()),
-        float((spread * mass).sum()),
-    )
+    return PhotoAgreement(float(correlation_of_all), float(explained), float((spread * mass).sum()))

@@ -78,12 +78,12 @@ class Doubts:
         Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
         """
         judge = self._config
-        known = [each.correlation for each in agreements if each is not None]
+        known = [k for k, each in enumerate(agreements) if each is not None]
         doubtful = [k for k, each in enumerate(agreements) if each is not None and each.contradicts(judge)]
         best = found.best
         if best is None or not doubtful or len(agreements) == 1:
             return found
-        if found.status == "not_localized" and max(known) < judge.agreement:
+        if found.status == "not_localized" and doubtful == known:
             return found  # of another place, all of them: nothing that some of them contradict
         share = len(doubtful) / len(agreements)
         found = replace(found, warnings=(*found.warnings, _contradiction(doubtful, len(agreements))))
