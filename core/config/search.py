@@ -59,6 +59,8 @@ class FocalConfig:
     step: float = 0.15  # between those that poses are refined from; the search bears half of it
     bounds: tuple[float, float] = (-0.1, 0.8)  # EXIF data do not mention zooms, of up to 2.2
     stated: float = 0.95  # times the score of a pose for another focal length than the stated one
+    # Power of the share of the sphere that an image shows, times which its score counts where only bounds of its focal length are known.
+    chance: float = 0.35
     power: float = 25.0  # of the ratio of their scores, that poses of two focal lengths are as probable as
     damping: float = 0.002  # more would hold pose and focal length in the valley that they share
     noise: float = 0.05  # of the logarithm, for images with unit information of it

@@ -48,7 +48,7 @@ class Contest:
     """
 
     def __init__(self, rig: Rig, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
-        self._rig = rig
+        self.rig = rig
         self.queries, self.config, self.clock = queries, config, clock
         self.refinement = Refinement(queries, config)
         self.hypotheses: list[Hypothesis] = []
@@ -61,29 +61,34 @@ class Contest:
         self._aliases: list[Hypothesis] = []  # where the map says that all looks as at the best
         self._settled_aliases: list[Hypothesis] = []
 
+    def take(self, proposed: Sequence[Hypothesis]) -> None:
+        """Take poses in, refined coarsely and judged: rivals of those that are refined further."""
+        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], DISTANCES.same)
+
     def add(self, proposed: Sequence[Hypothesis]) -> None:
         """Take poses in, refine those that may win as far as it takes, and rank all anew."""
-        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], DISTANCES.same)
-        self._rank()
+        self.take(proposed)
+        self.rank()
 
-    def add_promising(self, proposed: Sequence[Hypothesis], model: ConfidenceModel) -> bool:
-        """Take poses in as `add` does where the best of them may be sure in the end; else only as rivals of others. Return which."""
-        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], DISTANCES.same)
+    def best_score(self) -> float:
+        """Return the score of the best pose that was taken in, as of coarse refinement; 0 without one."""
+        return self._coarse[0].score if self._coarse else 0.0
+
+    def is_promising(self, model: ConfidenceModel) -> bool:
+        """Return whether the best of the poses that were taken in may be sure in the end."""
         settled = [self._limited(h) for h in self._settle(self._coarse)]
-        is_promising = any(model.confidence(h, []) >= model.threshold / 2 for h in settled)
-        if is_promising:
-            self._rank()
-        return is_promising
+        return any(model.confidence(h, []) >= model.threshold / 2 for h in settled)
 
     def add_aliases(self, aliases: Sequence[Hypothesis]) -> None:
         """Take in poses from which all of the scan looks as from the best: they go as far as it where they fit hardly worse."""
         self._aliases = [self.hypotheses[0], *aliases]
         least = self._least_of(self._coarse)
         self._settled_aliases = self._settle([h for h in self._refined_coarse(aliases) if h.score >= least])
-        self._rank()
+        self.rank()
 
     def add_focal_lengths(self) -> None:
-        """Let poses with other focal lengths compete with the best; anew from the best of them while that is the better one."""
+        """Let poses with other focal lengths compete with the best; anew from the best of them while that is the better one, and in place of
+        one whose focal length is but a guess."""
         prior, focal = self.queries[0].rig.prior, self.config.focal
         if not self.hypotheses or self.comparison is None or prior is None:
             return
@@ -97,10 +102,11 @@ class Contest:
             fulls = self._refined_fully(tried[:1])
             if not fulls or prior.is_as_stated(fulls[0].final.log_focal, focal.step):
                 break
-            if fulls[0].final.score <= best.score:
+            is_guess = best.log_focal is None and not prior.is_stated
+            if fulls[0].final.score <= best.score and not is_guess:
                 losers.append(fulls[0].final)
                 break
-            losers.append(best)
+            losers += [] if is_guess else [best]
             best, comparison = self._with_signs(fulls[0]), fulls[0].comparison
         power, others = focal.power, [loser for loser in losers if not loser.is_near(best, DISTANCES.right)]
         odds = sum((loser.score / max(best.score, 1e-6)) ** power for loser in others)
@@ -114,19 +120,19 @@ class Contest:
 
         A focal length that is a share too long puts the camera so large a share of the distance to what it shows too far away.
         """
-        share, best = max(photo.focal_uncertainty for photo in self._rig.photos), self.hypotheses[:1]
+        share, best = max(photo.focal_uncertainty for photo in self.rig.photos), self.hypotheses[:1]
         if best and best[0].log_focal is not None:
             share = focal_uncertainty(best[0].information, self.config.focal)
-        elif any(photo.hfov_range_deg for photo in self._rig.photos):
+        elif any(photo.hfov_range_deg for photo in self.rig.photos):
             share = self.config.focal.step
         position_m = orientation_deg = 0.0
         if share and self.comparison is not None:
             seen = self.comparison.views.depth.flatten(1)[0][self.comparison.weights[0] > 0]
             position_m = share * float(seen.median()) if len(seen) else 0.0
-        if len(self._rig.images) > 1:
+        if len(self.rig.images) > 1:
             by_position, by_orientation = self.config.judge.tracking_radii
-            position_m = math.hypot(position_m, by_position * self._rig.options.position_noise_m)
-            orientation_deg = by_orientation * self._rig.options.orientation_noise_deg
+            position_m = math.hypot(position_m, by_position * self.rig.options.position_noise_m)
+            orientation_deg = by_orientation * self.rig.options.orientation_noise_deg
         return Accuracy(position_m, orientation_deg)
 
     def _refined_coarse(self, proposed: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -135,7 +141,7 @@ class Contest:
         with self.clock.stage("judge"):
             return self._judged(merged(refined, DISTANCES.same), is_first=True)
 
-    def _rank(self) -> None:
+    def rank(self) -> None:
         """Refine the best of the coarse stage on what they see, and the best of these fully; rank them, and then all others."""
         sizes, place = self.config.refinement, DISTANCES.place
         within = within_margin(self._coarse, sizes.margin)

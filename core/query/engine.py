@@ -1,23 +1,25 @@
 """The engine. The order of the steps of a query is written here and nowhere else:
 
-prepare → refine and judge where the caller expects the rig
+prepare, for each focal length that the rig may have → refine and judge where the caller expects the rig
 → unless that is localized, or the caller wants nothing else, for each round:
-  propose → refine coarse, judge → refine medium, judge → refine fine, judge → stop when sure
+  propose, for each focal length → refine coarse, judge
+  → of the focal length that fits best: refine medium, judge → refine fine, judge → stop when sure
 → the same for aliases of the best pose, and for other focal lengths.
 """
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.confidence import ConfidenceModel
-from panoloc.core.decide.hypotheses import MethodResult
+from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
 from panoloc.core.decide.verdict import Verdict, verdict
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints, Status
 from panoloc.core.query.contest import Contest
-from panoloc.core.query.focal_lengths import FoundCameras, focal_prior, found_cameras, guesses
-from panoloc.core.query.map_query import MapQuery, prepare_queries
+from panoloc.core.query.focal_lengths import FoundCameras, found_cameras, guesses
+from panoloc.core.query.map_query import prepare_queries
 from panoloc.core.query.rounds import aliases_of_pose, poses_of_prior, propose, rounds_of
 from panoloc.core.stage_clock import StageClock
 
@@ -35,15 +37,16 @@ class Engine:
 
         Poses are those of the rig's axes.
         """
-        is_only = hints is not None and hints.has_only_prior
-        rig = given if is_only else self._guessed(given, maps, hints, clock)
         with clock.stage("prepare"):
-            queries = prepare_queries(rig, maps, hints, self.config)
-        contest = Contest(rig, queries, self.config, clock)
-        num_starts, num_poses = 0, 0
-        if not self._is_where_expected(queries, hints, contest):
-            num_starts, num_poses = self._search(queries, contest, clock)
-        if self.status(contest) != "not_localized" and not is_only:
+            contests = [
+                Contest(rig, prepare_queries(rig, maps, hints, self.config), self.config, clock)
+                for rig in guesses(given, self.config.focal)
+            ]
+        contest, num_starts, num_poses = self._where_expected(contests, hints), 0, 0
+        if contest is None:
+            contest, num_starts, num_poses = self._search(contests, clock)
+        queries = contest.queries
+        if self.status(contest) != "not_localized" and not (hints is not None and hints.has_only_prior):
             with clock.stage("search"):
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
             if aliases:
@@ -60,52 +63,53 @@ class Engine:
             None if own.rig.is_wide or own.rig.is_labels else own.rig.edges.length_deg,
             contest.noise,
         )
-        return result, found_cameras(given, rig, result.hypotheses)
+        return result, found_cameras(given, contest.rig, result.hypotheses)
 
-    def _is_where_expected(self, queries: Sequence[MapQuery], hints: Hints | None, contest: Contest) -> bool:
-        """Return whether the rig is localized where the caller expects it, or he wants no other answer: then nothing is searched."""
-        if hints is None or hints.prior is None or len(queries) != 1:
-            return False
-        contest.most_margin = self.config.refinement.margin
-        if hints.prior.is_only:
-            contest.add(poses_of_prior(queries[0], hints.prior))
-            return True
+    def _where_expected(self, contests: Sequence[Contest], hints: Hints | None) -> Contest | None:
+        """Return the contest whose rig is localized where the caller expects it, or fits best there and he wants no other answer: then
+        nothing is searched. Else None."""
+        if hints is None or hints.prior is None or len(contests[0].queries) != 1:
+            return None
+        for contest in contests:
+            contest.most_margin = self.config.refinement.margin
+            contest.take(poses_of_prior(contest.queries[0], hints.prior))
+        best = max(contests, key=Contest.best_score)
         # The last steps take the most time; what fits badly before them is no answer after them.
-        expected = poses_of_prior(queries[0], hints.prior)
-        if contest.add_promising(expected, self.confidence) and self.status(contest) == "localized":
-            return True
-        contest.most_margin = None
-        return False
+        if hints.prior.is_only or best.is_promising(self.confidence):
+            best.rank()
+            if hints.prior.is_only or self.status(best) == "localized":
+                return best
+        for contest in contests:
+            contest.most_margin = None
+        return None
 
-    def _search(self, queries: Sequence[MapQuery], contest: Contest, clock: StageClock) -> tuple[int, int]:
-        """Take rounds of search until an answer is sure; return how many starts there were, and poses scored."""
+    def _search(self, contests: Sequence[Contest], clock: StageClock) -> tuple[Contest, int, int]:
+        """Take rounds of search until an answer is sure; return the contest that it is from, how many starts there were, and poses scored.
+
+        contests: one for each focal length that the rig may have. In each round that one goes on which fits best so far.
+        """
         num_starts = num_poses = 0
         with clock.stage("search"):
-            rounds = rounds_of(queries, self.config.search)
-        for searched in rounds:
-            with clock.stage("search"):
-                found = propose(queries, searched, self.config.search)
-            num_starts, num_poses = max(num_starts, found.num_starts), num_poses + found.num_poses
-            for portion in found.portions:
-                contest.add(portion)
-                if self.is_sure(contest):
-                    return num_starts, num_poses
-        return num_starts, num_poses
-
-    def _guessed(self, rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> Rig:
-        """Return the rig with the focal length that the search likes best, of those that it may have; as it is where that is stated."""
-        prior = focal_prior(rig, self.config.focal)
-        if prior is None or prior.is_stated:
-            return rig
-
-        def score(guess: Rig) -> float:
-            """Return the score of the best candidate that the search finds, before any refinement; 0 without one."""
-            queries = prepare_queries(guess, maps, hints, self.config)
-            with clock.stage("search"):
-                rounds = rounds_of(queries, self.config.search)
-                return max(propose(queries, searched, self.config.search).best_score for searched in rounds)
-
-        return max(guesses(rig, prior, self.config.focal.step), key=score)
+            rounds = [rounds_of(contest.queries, self.config.search) for contest in contests]
+        best = contests[0]
+        left: list[list[list[Hypothesis]]] = [[] for _ in contests]
+        for searched in zip_longest(*rounds):
+            for contest, of_contest, portions in zip(contests, searched, left, strict=True):
+                if of_contest is None:
+                    continue
+                with clock.stage("search"):
+                    found = propose(contest.queries, of_contest, self.config.search)
+                num_starts, num_poses = max(num_starts, found.num_starts), num_poses + found.num_poses
+                if found.portions:
+                    contest.take(found.portions[0])
+                    portions += found.portions[1:]
+            best, portions = max(zip(contests, left, strict=True), key=lambda pair: pair[0].best_score())
+            best.rank()
+            while portions and not self.is_sure(best):
+                best.add(portions.pop(0))
+            if self.is_sure(best):
+                break
+        return best, num_starts, num_poses
 
     def _verdict(self, contest: Contest) -> Verdict:
         return verdict(contest.hypotheses, self.confidence, contest.noise)

@@ -68,11 +68,13 @@ def focal_prior(rig: Rig, config: FocalConfig) -> FocalPrior | None:
     return FocalPrior(least, most, is_stated=False)
 
 
-def guesses(rig: Rig, prior: FocalPrior, step: float) -> list[Rig]:
-    """Return the rig with focal lengths so close together that the search finds the right pose with one of them."""
-    if prior.is_stated:
+def guesses(rig: Rig, config: FocalConfig) -> list[Rig]:
+    """Return the rig with focal lengths so close together that the search finds the right pose with one of them; as it is where one is
+    stated."""
+    prior = focal_prior(rig, config)
+    if prior is None or prior.is_stated:
         return [rig]
-    count = max(1, math.ceil((prior.most - prior.least) / step))
+    count = max(1, math.ceil((prior.most - prior.least) / config.step))
     logs = [prior.least + (prior.most - prior.least) * (k + 0.5) / count for k in range(count)]
     return [rig.with_focal_factor(math.exp(log)) for log in logs]
 

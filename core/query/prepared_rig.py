@@ -62,9 +62,16 @@ class PreparedRig:
         return torch.tensor(shares, device=self.pyramid.rotations.device)
 
     def likelihoods(self, group: Sequence[Hypothesis]) -> Tensor:
-        """Return by how much less (K,) the scores of hypotheses count whose focal lengths are others than stated."""
-        stated = self.prior is not None and self.prior.is_stated
-        less = [self.config.focal.stated if stated and h.log_focal is not None else 1.0 for h in group]
+        """Return by how much less (K,) the scores of hypotheses count whose focal lengths are others than stated, or longer than they need
+        be: the less of the sphere an image shows, the more easily it fits by chance."""
+        prior, focal = self.prior, self.config.focal
+        if prior is None:
+            less = [1.0] * len(group)
+        elif prior.is_stated:
+            less = [1.0 if h.log_focal is None else focal.stated for h in group]
+        else:
+            widest = self._camera.solid_angle(math.exp(prior.least))
+            less = [(self._camera.solid_angle(math.exp(h.log_focal or 0.0)) / widest) ** focal.chance for h in group]
         return torch.tensor(less, device=self.pyramid.rotations.device)
 
     @property

@@ -28,11 +28,9 @@ class Round:
 
 @dataclass(frozen=True)
 class Proposed:
-    """What a round proposes: portions of poses, best first. best_score: of the search, 0 without a pose. num_starts, num_poses: as of
-    `MapCandidates`, of all maps."""
+    """What a round proposes: portions of poses, best first. num_starts, num_poses: as of `MapCandidates`, of all maps."""
 
     portions: list[list[Hypothesis]]
-    best_score: float
     num_starts: int
     num_poses: int
 
@@ -57,11 +55,9 @@ def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) 
     """Search all maps in one round."""
     found = search_maps([query.search for query in queries], searched.limits, searched.by_lines, config)
     best = _best(queries, found, config.num_candidates)
-    scores = [float(part.candidates.scores.max()) for part in found if len(part.candidates)]
     first = config.num_candidates // 4
     return Proposed(
         [part for part in (best[:first], best[first:]) if part],
-        max(scores, default=0.0),
         sum(part.num_starts for part in found),
         sum(part.num_poses for part in found),
     )

@@ -93,12 +93,12 @@ def test_no_focal_length_within_bounds_is_farther_from_a_guess_than_half_a_step(
     bounds_deg: tuple[float, float],
 ) -> None:
     rig = Rig.of_photo(of_unknown_field_of_view(bounds_deg))
-    guessed = [each.photos[0].camera.fx_px for each in guesses(rig, known(focal_prior(rig, FOCAL)), FOCAL.step)]
+    guessed = [each.photos[0].camera.fx_px for each in guesses(rig, FOCAL)]
     for width_deg in np.linspace(*bounds_deg, 50):
         focal_px = Camera.from_hfov("pinhole", 640, 480, width_deg).fx_px
         assert min(abs(math.log(each / focal_px)) for each in guessed) <= FOCAL.step / 2 + 1e-6
     stated = Rig.of_photo(zoomed())
-    assert guesses(stated, known(focal_prior(stated, FOCAL)), FOCAL.step) == [stated]
+    assert guesses(stated, FOCAL) == [stated]
 
 
 # What is tried.
@@ -131,14 +131,20 @@ def test_the_stated_focal_length_is_not_tried_again_and_one_that_is_no_likelier_
         assert all(abs(log - 2 * FOCAL.step) > 0.01 for log in found)
 
 
-def test_scores_of_other_focal_lengths_than_stated_count_less_and_shares_are_those_of_their_pixels() -> None:
+def test_scores_of_other_focal_lengths_than_stated_or_of_narrow_guesses_count_less_and_shares_are_those_of_their_pixels() -> (
+    None
+):
     group, factors = [hypothesis(None), hypothesis(0.3), hypothesis(-0.1)], (1.0, math.exp(0.3), 1.0)
+    bounds_photo = of_unknown_field_of_view((60.0, 100.0))
     stated, bounds = (
-        PreparedRig(Rig.of_photo(each), None, torch.device("cpu"), CONFIG)
-        for each in (zoomed(), of_unknown_field_of_view((60.0, 100.0)))
+        PreparedRig(Rig.of_photo(each), None, torch.device("cpu"), CONFIG) for each in (zoomed(), bounds_photo)
     )
     assert stated.likelihoods(group).tolist() == pytest.approx([1.0, FOCAL.stated, FOCAL.stated])
-    assert bounds.likelihoods(group).tolist() == [1.0] * 3
+    camera = bounds_photo.camera
+    widest = Camera.from_hfov("pinhole", camera.width_px, camera.height_px, 100.0).solid_angle()
+    less = [(camera.solid_angle(math.exp(log)) / widest) ** FOCAL.chance for log in (0.0, 0.3, -0.1)]
+    assert bounds.likelihoods(group).tolist() == pytest.approx(less)
+    assert less[1] < less[0] < less[2] < 1
     camera = zoomed().camera
     expected = [camera.solid_angle(factor) / (4 * math.pi) for factor in factors]
     assert stated.shares(group).tolist() == pytest.approx(expected, rel=0.02)
