@@ -87,8 +87,8 @@ class Contest:
         self.rank()
 
     def add_focal_lengths(self) -> None:
-        """Let poses with other focal lengths compete with the best; anew from the best of them while that is the better one, and in place of
-        one whose focal length is but a guess."""
+        """Let poses with other focal lengths compete with the best; anew from the best of them while that is better, and in place of one
+        whose focal length is but a guess."""
         prior, focal = self.queries[0].rig.prior, self.config.focal
         if not self.hypotheses or self.comparison is None or prior is None:
             return
