@@ -33,7 +33,7 @@ _NOTHING_WITHIN_BOUNDS = Remark(
 )
 _FOCAL_LENGTH_IS_UNKNOWN = Remark(
     "accuracy_too_low",
-    "the field of view is not known well enough to tell where the photo was taken; give it exactly (hfov_deg, --hfov 69.4) or the intrinsics",
+    "the field of view is not known well enough to tell where the photo was taken; give it exactly (hfov_deg, --hfov 69.4) or intrinsics",
 )
 _NOISE_IS_TOO_LARGE = Remark(
     "accuracy_too_low",
