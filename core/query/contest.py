@@ -102,7 +102,7 @@ class Contest:
             fulls = self._refined_fully(tried[:1])
             if not fulls or prior.is_as_stated(fulls[0].final.log_focal, focal.step):
                 break
-            is_guess = best.log_focal is None and not prior.is_stated
+            is_guess = prior.is_guess(best.log_focal)
             if fulls[0].final.score <= best.score and not is_guess:
                 losers.append(fulls[0].final)
                 break
@@ -113,6 +113,12 @@ class Contest:
         best = replace(best, measures=best.measures | {"focal_odds": odds})
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
         self.hypotheses, self.comparison = [best, *rest], comparison
+
+    @property
+    def is_guess(self) -> bool:
+        """Return whether the focal length of the best pose is but a guess: what it leaves open is known when others have competed."""
+        prior = self.queries[0].rig.prior
+        return prior is not None and bool(self.hypotheses) and prior.is_guess(self.hypotheses[0].log_focal)
 
     @property
     def noise(self) -> Accuracy:

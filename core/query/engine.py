@@ -12,6 +12,7 @@ from itertools import zip_longest
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.accuracy import NO_NOISE
 from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
 from panoloc.core.decide.verdict import Verdict, verdict
@@ -112,7 +113,7 @@ class Engine:
         return best, num_starts, num_poses
 
     def _verdict(self, contest: Contest) -> Verdict:
-        return verdict(contest.hypotheses, self.confidence, contest.noise)
+        return verdict(contest.hypotheses, self.confidence, NO_NOISE if contest.is_guess else contest.noise)
 
     def status(self, contest: Contest) -> Status:
         """Return what would be said of the best of hypotheses."""

@@ -39,6 +39,10 @@ class FocalPrior:
         """Return whether a focal length, the logarithm of its factor, is the stated one: the search bears half a step."""
         return self.is_stated and log_focal is not None and abs(log_focal) < step / 2
 
+    def is_guess(self, log_focal: float | None) -> bool:
+        """Return whether a pose has the focal length that the search guessed, neither stated nor refined."""
+        return log_focal is None and not self.is_stated
+
     def tried(self, step: float) -> list[float]:
         """Return the logarithms that poses are refined from."""
         every = [k * step for k in range(math.ceil(self.least / step), math.floor(self.most / step) + 1)]

@@ -1,5 +1,6 @@
 """Localization end to end in generated rooms: furnished, changed, lit differently, labelled, seen by a scanner."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -117,3 +118,13 @@ def test_frames_of_a_phone_that_moves_are_found_within_two_centimetres() -> None
     assert found.map_from_session is not None
     assert_found(found, middle.after(images[0].session_from_camera), 0.02, 0.5)
     assert all(image.agreement is not None and image.agreement > 0.5 for image in found.images)
+
+
+def test_a_photo_of_which_little_is_known_is_not_taken_for_a_narrow_one() -> None:
+    pose, camera = pose_in(ROOM, 8, "upright"), Camera.from_hfov("pinhole", 640, 480, 69.0)
+    photo = rooms.take_photo(ROOM, camera, pose).photo
+    guess = Camera.from_hfov("pinhole", 640, 480, 60.0)
+    found = localized(replace(photo, camera=guess, hfov_range_deg=(20.0, 120.0)), room_index())
+    assert found.status == "localized"
+    assert_found(found, pose)
+    assert found.found_cameras[0].hfov_deg == pytest.approx(69.0, abs=4.0)

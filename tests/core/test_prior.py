@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from panoloc.core.camera.camera import Camera
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.confidence import load_confidence_model
 from panoloc.core.decide.verdict import Doubts
@@ -18,7 +19,7 @@ from panoloc.core.query.rounds import poses_of_prior
 from panoloc.core.results import Localization
 from tests.core.built_maps import BOX, COARSE, OTHER_BOX, POSE, SYMMETRIC, answer, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known
-from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, session_of
+from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, photo_of, session_of
 from tests.core.search.found_candidates import RIGS, query, query_of
 
 
@@ -43,6 +44,13 @@ def test_where_a_prior_holds_nothing_is_searched(frame: Frame) -> None:
     # Less sure than after a search: nobody has looked elsewhere.
     assert best_of(found).confidence <= best_of(answer()).confidence
     assert known(found.evidence).features["margin"] == LocalizerConfig().refinement.margin
+
+
+def test_with_a_prior_no_field_of_view_of_a_photo_is_searched_either() -> None:
+    photo = replace(photo_of(Camera.from_hfov("pinhole", 640, 480, 84.0)), hfov_range_deg=(60.0, 100.0))
+    found = localized(photo, hints=expected(moved(POSE, (0.1, -0.1, 0.05), 3.0)))
+    assert (found.status, found.search.num_starts) == ("localized", 0)
+    assert_found(found, POSE)
 
 
 def test_where_an_answer_from_a_prior_is_refused_after_all_everything_is_searched(
