@@ -29,7 +29,7 @@ _CAMERA_MAY_BE_WRONG = Remark(
 _NOTHING_WITHIN_BOUNDS = Remark(
     "check_camera",
     "no pose fits the photo well enough with any field of view within its bounds; if it shows this place, much of what it shows has "
-    "changed, or the bounds are wrong or too far apart: give the field of view (hfov_deg, --hfov 69), or narrower ones",
+    "changed, or its field of view lies beyond them: give it (hfov_deg, --hfov 69), or other bounds",
 )
 _FOCAL_LENGTH_IS_UNKNOWN = Remark(
     "accuracy_too_low",

@@ -41,6 +41,7 @@ def photos(agreements: list[float | None]) -> list[PhotoAgreement | None]:
             "image 2 of 4 does not agree with the pose that fits the others",
         ),
         ([0.9, 0.35, 0.5, 0.7, 0.1, 0.8], "localized", "localized", "images 2 and 5 of 6 do not agree"),
+        ([0.9, 0.35, 0.5], "localized", "localized", "image 2 of 3 does not agree"),
         ([0.35, 0.9, 0.5, 0.7], "localized", "not_localized", "image 1 of 4"),
         ([0.9, 0.05, 0.08, 0.9], "localized", "not_localized", "images 2 and 3 of 4 do not agree"),
         ([0.9, None, None, 0.9], "localized", "localized", ""),  # nothing of the scan in view is no contradiction

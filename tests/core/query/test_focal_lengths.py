@@ -131,7 +131,7 @@ def test_the_stated_focal_length_is_not_tried_again_and_one_that_is_no_likelier_
         assert all(abs(log - 2 * FOCAL.step) > 0.01 for log in found)
 
 
-def test_scores_of_other_focal_lengths_than_stated_or_of_narrow_guesses_count_less_and_shares_are_those_of_their_pixels() -> (
+def test_scores_of_focal_lengths_that_are_not_stated_or_narrow_count_less_and_shares_are_those_of_their_pixels() -> (
     None
 ):
     group, factors = [hypothesis(None), hypothesis(0.3), hypothesis(-0.1)], (1.0, math.exp(0.3), 1.0)
