@@ -32,7 +32,7 @@ _DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
 Positions are metres in the map's own frame, angles degrees, times UTC. Every error is a problem document (RFC 9457)."""
 
 # Of headers of answers, what pages of other origins may read.
-_EXPOSED = ["ETag", "Location", "Preference-Applied", "Retry-After", "X-Request-Id"]
+_EXPOSED = ["Content-Location", "ETag", "Location", "Preference-Applied", "Retry-After", "X-Request-Id"]
 _EXPOSED += ["Idempotent-Replayed", "RateLimit", "RateLimit-Policy"]
 _TAGS = {
     "maps": "Register scans, and look at what became of them.",

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from panoloc.core.config import DISTANCES
 from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import DEFAULT_RADIUS_M, DEFAULT_TOLERANCE_DEG, Hints
@@ -137,11 +138,17 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
         return (torch.tensor(point, dtype=torch.float64) - offset).float()
 
     _check(hints)
-    tilt = hints.most_tilt_deg
+    position_m, radius_m, tilt = hints.position_m, hints.radius_m, hints.most_tilt_deg
+    if position_m is None and hints.prior is not None and hints.prior.is_only:
+        # Refined farther, a pose is a place elsewhere.
+        x, y, z = Pose.from_frame(
+            hints.prior.position_m, hints.prior.quaternion_xyzw, hints.prior.frame
+        ).position.tolist()
+        position_m, radius_m = (x, y, z), max(3 * hints.prior.position_std_m, DISTANCES.elsewhere.distance_m)
     tolerance = DEFAULT_TOLERANCE_DEG if hints.heading_tolerance_deg is None else hints.heading_tolerance_deg
     return PoseLimits(
-        center=None if hints.position_m is None else local(hints.position_m),
-        radius_m=hints.radius_m if hints.radius_m is not None else DEFAULT_RADIUS_M,
+        center=None if position_m is None else local(position_m),
+        radius_m=radius_m if radius_m is not None else DEFAULT_RADIUS_M,
         lower=None if hints.region is None else local(hints.region[0]),
         upper=None if hints.region is None else local(hints.region[1]),
         max_tilt=None if tilt is None else math.radians(tilt),

@@ -34,6 +34,7 @@ UpAxisOption = Annotated[
 
 
 @app.callback(invoke_without_command=True)
+@app.command(name="list")
 def list_maps(
     ctx: typer.Context,
     tag: Annotated[str | None, typer.Option(help="Only maps with this tag.")] = None,
@@ -143,7 +144,11 @@ def share(
     map_ids: MapIds,
     tenants: Annotated[
         list[str] | None,
-        typer.Option("--with", metavar="TENANT", help="Tenant that gets access to the maps; repeatable, `*` for all."),
+        typer.Option(
+            "--with",
+            metavar="TENANT",
+            help="Tenant that gets access to the maps; repeatable, `*` for all, '' for nobody.",
+        ),
     ] = None,
     qr: Annotated[
         bool,
@@ -158,11 +163,16 @@ def share(
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Share the maps with exactly these tenants; without --with, with nobody.
+    """Share the maps with exactly these tenants, with phones by a code, or with both.
 
     These tenants can view the maps and localize in them. Only the owner can change a map. With --qr people share them by a
     link, which names the address under which phones reach the service.
     """
+    if tenants is None and not qr:
+        raise typer.BadParameter(
+            "expected with whom; name tenants (`*` for all, '' for nobody), or make a code for phones",
+            param_hint="--with, --qr",
+        )
     session = Session.of(ctx, json)
 
     def link_one(client: JsonClient, map_id: str) -> None:
@@ -173,10 +183,10 @@ def share(
             session.messages.print(_link_notes(link), markup=False, soft_wrap=True)
 
     def share_one(client: JsonClient, map_id: str) -> None:
-        changed = client.change_map(map_id, {"shared_with": tenants or []})
+        changed = client.change_map(map_id, {"shared_with": [name for name in tenants or () if name]})
         session.show(changed, f"{map_id} is shared with {', '.join(changed['shared_with']) or 'nobody'}")
 
-    done = _for_each(session, url, map_ids, share_one) if tenants or not qr else ExitCode.OK
+    done = ExitCode.OK if tenants is None else _for_each(session, url, map_ids, share_one)
     return _for_each(session, url, map_ids, link_one) if qr and done == ExitCode.OK else done
 
 

@@ -104,10 +104,15 @@ def json_response(model: type[BaseModel], example: Any, *errors: int) -> Respons
     return {200: {"model": model, "content": content}, **error_responses(*errors)}
 
 
+def path_header(path_of: str) -> dict[str, Any]:
+    """Return a header that leads to something. path_of: its name."""
+    return {"description": f"Path of the {path_of}", "required": True, "schema": {"type": "string"}}
+
+
 def accepted_response(model: type[BaseModel], example: Any, description: str, path_of: str, *errors: int) -> Responses:
     """Return JSON with status 202. path_of: the name of what `Location` leads to."""
     headers = {
-        "Location": {"description": f"Path of the {path_of}", "required": True, "schema": {"type": "string"}},
+        "Location": path_header(path_of),
         "Retry-After": {
             "description": "Seconds to wait before the first poll",
             "required": True,

@@ -23,6 +23,7 @@ from panoloc.service.http.openapi import (
     kept_nulls,
     multipart,
     nothing_left,
+    path_header,
 )
 from panoloc.service.http.priors import with_pose_of_prior
 from panoloc.service.http.query_images import query_images
@@ -93,7 +94,10 @@ _STATE: dict[str, Any] = {
     dependencies=[Depends(require("localize"))],
     response_model=Localization,
     responses={
-        200: {"content": {"application/json": {"example": kept_nulls(LOCALIZATION_EXAMPLE)}}},
+        200: {
+            "headers": {"Content-Location": path_header("answer")},
+            "content": {"application/json": {"example": kept_nulls(LOCALIZATION_EXAMPLE)}},
+        },
         **accepted_response(
             PendingLocalization,
             {**PENDING_EXAMPLE, "status": "queued"},

@@ -1,6 +1,7 @@
 """Hints as limits on poses."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.options import Hints
+from panoloc.core.options import Hints, PosePrior
 from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
 
 
@@ -49,6 +50,16 @@ def test_without_hints_nothing_is_limited() -> None:
 def test_upright_means_45_degrees_unless_the_caller_says_how_much(hints: Hints, max_tilt_deg: float | None) -> None:
     found = pose_limits(hints, MAP).max_tilt
     assert found == (None if max_tilt_deg is None else pytest.approx(math.radians(max_tilt_deg)))
+
+
+@pytest.mark.parametrize(("std_m", "radius_m"), [(0.1, 1.5), (2.0, 6.0)])
+def test_what_is_refined_away_from_the_only_prior_is_no_answer(std_m: float, radius_m: float) -> None:
+    # The frame's y axis points up.
+    prior = PosePrior((1_000_000.25, 100.0, 2_000_000.5), (0.0, 0.0, 0.0, 1.0), "webxr", std_m)
+    assert pose_limits(Hints(prior=prior), MAP).center is None
+    limits = pose_limits(Hints(prior=replace(prior, is_only=True)), MAP)
+    places = torch.tensor([[0.0, radius_m - 0.01, 0.0], [0.0, 0.0, radius_m + 0.01]])
+    assert limits.allows_position(places).tolist() == [True, False]
 
 
 def test_a_position_is_taken_within_five_metres_and_a_heading_within_45_degrees() -> None:

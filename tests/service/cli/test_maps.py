@@ -39,8 +39,9 @@ def test_json_output_is_one_map_per_line(panoloc: Panoloc, fake: FakeService) ->
     assert [place["id"] for place in panoloc("maps", "--json").documents] == ["map_1", "map_2"]
 
 
-def test_a_tag_narrows_the_list(panoloc: Panoloc, fake: FakeService) -> None:
-    panoloc("maps", "--tag", "floor 3")
+@pytest.mark.parametrize("command", [("maps",), ("maps", "list")])
+def test_a_tag_narrows_the_list(panoloc: Panoloc, fake: FakeService, command: tuple[str, ...]) -> None:
+    panoloc(*command, "--tag", "floor 3")
     assert fake.requests[0][1] in ("/maps?tag=floor+3", "/maps?tag=floor%203")
 
 
@@ -64,16 +65,17 @@ NOBODY = httpx.ConnectError("Connection refused")
 
 
 @pytest.mark.parametrize(
-    ("command", "method", "done_to"), [("delete", "DELETE", "deleted {}"), ("share", "PATCH", "{} is shared")]
+    ("command", "options", "method", "done_to"),
+    [("delete", (), "DELETE", "deleted {}"), ("share", ("--with", "*"), "PATCH", "{} is shared")],
 )
 def test_a_map_that_is_refused_does_not_keep_the_others(
-    panoloc: Panoloc, fake: FakeService, command: str, method: str, done_to: str
+    panoloc: Panoloc, fake: FakeService, command: str, options: tuple[str, ...], method: str, done_to: str
 ) -> None:
     fake.at_maps = {
         "map_2": UNKNOWN,
         "map_4": problem(403, "Not yours", "It belongs to another tenant."),
     }
-    done = panoloc("maps", command, *(f"map_{number}" for number in range(1, 6)))
+    done = panoloc("maps", command, *(f"map_{number}" for number in range(1, 6)), *options)
     assert done.code == ExitCode.ERROR
     assert fake.requests == [(method, f"/maps/map_{number}") for number in range(1, 6)]
     assert [done_to.format(f"map_{number}") in done.out for number in range(1, 6)] == [True, False, True, False, True]
@@ -124,9 +126,15 @@ def test_maps_are_shared_with_those_that_are_named_and_no_others(panoloc: Panolo
     assert done.code == 0, done.err
     assert fake.requests == [("PATCH", "/maps/map_1"), ("PATCH", "/maps/map_2")]
     assert done.out.splitlines() == [f"map_{number} is shared with museum, *" for number in (1, 2)]
-    assert "map_1 is shared with nobody" in panoloc("maps", "share", "map_1").out
+    assert "map_1 is shared with nobody" in panoloc("maps", "share", "map_1", "--with", "").out
     (shown,) = panoloc("maps", "share", "map_1", "--with", "school", "--json").documents
     assert shown["shared_with"] == ["school"]
+
+
+def test_who_does_not_say_with_whom_takes_a_map_from_nobody(panoloc: Panoloc, fake: FakeService) -> None:
+    done = panoloc("maps", "share", "map_1")
+    assert (done.code, fake.requests) == (ExitCode.USAGE, [])
+    assert "make a code for phones" in done.err
 
 
 @pytest.mark.parametrize(
