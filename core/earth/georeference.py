@@ -20,6 +20,9 @@ _WKT = re.compile(
 )
 _WGS_84 = "EPSG:4326"
 _STEP = 10.0  # units of the grid, to its north
+# Surveys use a grid beyond its area: Germany lies in a zone that ends 3 degrees before its border.
+_BEYOND_DEG = 3.5
+_LOCAL_M = 10_000.0  # coordinates of a site of its own are nearer to zero, and those of grids only where their area is
 _EXPECTED = (
     "expected a projected coordinate system by EPSG code such as EPSG:25832 (with heights EPSG:25832+7837) or by WKT"
 )
@@ -74,6 +77,7 @@ class CoordinateSystem:
         )
         self._to_earth = Transformer.from_crs(horizontal.to_2d(), _WGS_84, always_xy=True)
         self._ellipsoid = Geod(ellps="WGS84")
+        self._area = system.area_of_use
         found = horizontal.to_authority("EPSG")
         self.epsg = int(found[1]) if found else None
         self._system = system
@@ -92,7 +96,7 @@ class CoordinateSystem:
             return str(system.to_wkt())
 
     def place(self, position_m: Position, geoid_undulation_m: float | None = None) -> EarthPlace | None:
-        """Return where a position lies; None outside of where the system is defined.
+        """Return where a position lies; None outside of where the system is defined, and far outside of where it is used.
 
         position_m: east, north and height of the grid, in metres whatever its unit. geoid_undulation_m: of the geoid
         above the ellipsoid, which makes heights above one heights above the other.
@@ -102,16 +106,37 @@ class CoordinateSystem:
         ahead = self._to_earth.transform(east, north + _STEP)
         if not all(math.isfinite(value) for value in (longitude, latitude, *ahead)):
             return None
+        if not self._is_used_at(longitude, latitude, math.hypot(*position_m[:2]) < _LOCAL_M):
+            return None
         azimuth, _, _ = self._ellipsoid.inv(longitude, latitude, *ahead)
         height, reference = position_m[2], self.heights
         if reference != "ellipsoid" and geoid_undulation_m is not None:
             height, reference = height + geoid_undulation_m, "ellipsoid"
         return EarthPlace(latitude, longitude, height, reference, azimuth)
 
+    def _is_used_at(self, longitude: float, latitude: float, may_be_local: bool) -> bool:
+        """Return whether a place is in the area of the system, or not far outside; of some systems nothing is known."""
+        if self._area is None:
+            return True
+        beyond, (west, south, east, north) = 0.0 if may_be_local else _BEYOND_DEG, self._area.bounds
+        middle, half = (west + (east - west) % 360 / 2), (east - west) % 360 / 2
+        off = abs((longitude - middle + 180) % 360 - 180)
+        is_near: bool = south - beyond <= latitude <= north + beyond and off <= half + beyond
+        return is_near
+
     def grid_position(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float] | None:
         """Return east and north of a place on WGS 84, in the unit of the grid; None outside of where the system is defined."""
         east, north = self._to_earth.transform(longitude_deg, latitude_deg, direction="INVERSE")
         return (east, north) if math.isfinite(east) and math.isfinite(north) else None
+
+
+def outside_of(position_m: Position) -> str:
+    """Say of a scan at a position, metres, that it is outside of a system."""
+    east, north, _ = position_m
+    return (
+        f"the scan, at {east:,.0f} m east and {north:,.0f} m north, lies outside its area; name the system of its coordinates, or "
+        "leave it out and give the map a georeference"
+    )
 
 
 @lru_cache(maxsize=64)

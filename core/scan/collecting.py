@@ -1,11 +1,12 @@
 """From raw points to a cloud: cleaned, converted, thinned and measured while they come."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.earth.georeference import CoordinateSystem, coordinate_system
+from panoloc.core.earth.georeference import CoordinateSystem, coordinate_system, outside_of
 from panoloc.core.errors import OptionsError, ScanContentError
 from panoloc.core.options import FARTHEST_M, METRES_PER_UNIT
 from panoloc.core.scan.frame import UNIT_TOLERANCE, ReadAs, ScanFrame
@@ -18,6 +19,8 @@ from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner, column
 _LARGE_COORDINATE_M = 1000.0
 _SMALLEST_PLAUSIBLE_M = 0.2
 _LARGEST_PLAUSIBLE_M = 2000.0
+# Of the points, how many places may be strays: null points of an export lie at one, whatever their number.
+_STRAY_SHARE = 0.01
 # A little above 1, for colours that were interpolated or sharpened.
 _UNIT_RANGE_LIMIT = 1.01
 _DARKEST_PLAUSIBLE = 16
@@ -71,9 +74,12 @@ class ScanCollector:
         positions = judged.frame.to_map(thinned.positions)
         corners = judged.frame.to_map(np.stack([self._lowest, self._highest]))
         self._lowest, self._highest = corners.min(axis=0), corners.max(axis=0)
+        positions, thinned = self._without_strays(positions, thinned)
         self._note_conversions(thinned, judged.frame, judged.read_as)
         offset = self._origin_offset()
         definition = self._coordinate_system(system, judged.frame, judged.read_as) if is_files else None
+        if system is not None and not is_files and system.place(self._middle) is None:
+            self._note_unused(OptionsError(outside_of(self._middle)), "that was given")
         return PointCloud(
             positions=(positions - offset).astype(np.float32),
             colors=self._colors.to_bytes(thinned.colors),
@@ -83,6 +89,28 @@ class ScanCollector:
             coordinate_system=definition,
             read_as=judged.read_as,
         )
+
+    def _without_strays(
+        self, positions: NDArray[np.float64], thinned: ThinnedPoints
+    ) -> tuple[NDArray[np.float64], ThinnedPoints]:
+        """Leave out what lies farther from nearly all other points than any scan reaches: float32 cannot hold both exactly."""
+        if (self._highest - self._lowest).max() <= _LARGEST_PLAUSIBLE_M:
+            return positions, thinned
+        far = (np.abs(positions - np.median(positions, axis=0)) > _LARGEST_PLAUSIBLE_M).any(axis=1)
+        places, kept = np.unique(positions[far], axis=0), positions[~far]
+        if not 0 < len(places) <= max(1.0, _STRAY_SHARE * len(positions)):
+            return positions, thinned
+        lowest, highest = column_bounds(kept)
+        if (highest - lowest).max() > _LARGEST_PLAUSIBLE_M:
+            return positions, thinned  # a long scan, or another unit
+        self._context.note(
+            "stray_points",
+            f"{len(positions) - len(kept):,} points, the first at ({', '.join(f'{value:,.0f}' for value in places[0])}), were left out: "
+            f"they lie more than {_metres(_LARGEST_PLAUSIBLE_M)} from all others.",
+            "warning",
+        )
+        self._lowest, self._highest = lowest, highest
+        return kept, replace(thinned, positions=thinned.positions[~far], colors=thinned.colors[~far])
 
     def _farthest_of(self, positions: NDArray[np.float64]) -> float:
         """Return how far from the origin points may be, in the unit of the file."""
@@ -103,8 +131,13 @@ class ScanCollector:
                 self._note_unused(error)
         return None if given is None else coordinate_system(given), False
 
-    def _note_unused(self, error: OptionsError) -> None:
-        message = f"The coordinate system of the file is not used: {error}."
+    @property
+    def _middle(self) -> tuple[float, float, float]:
+        x, y, z = ((self._lowest + self._highest) / 2).tolist()
+        return x, y, z
+
+    def _note_unused(self, error: OptionsError, whose: str = "of the file") -> None:
+        message = f"The coordinate system {whose} is not used: {error}."
         self._context.note("coordinate_system_unused", message, "warning")
 
     def _coordinate_system(self, system: CoordinateSystem | None, frame: ScanFrame, read_as: ReadAs) -> str | None:
@@ -118,10 +151,9 @@ class ScanCollector:
                     f"its unit is {system.metres_per_unit:.7g} m, but the given unit is {read_as.unit}; register the scan "
                     "again with the unit of its coordinates"
                 )
-            east, north, height = ((self._lowest + self._highest) / 2).tolist()
-            place = system.place((east, north, height))
+            place = system.place(self._middle)
             if place is None:
-                raise OptionsError(f"the scan, at {east:,.0f} east and {north:,.0f} north, lies outside its area")
+                raise OptionsError(outside_of(self._middle))
         except OptionsError as error:
             self._note_unused(error)
             return None

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from panoloc.core.earth.georeference import coordinate_system, ecef_of
+from panoloc.core.earth.georeference import coordinate_system, ecef_of, outside_of
 from panoloc.core.remarks import Remark
 from panoloc.service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from panoloc.service.jobs import MapRef
@@ -122,13 +122,29 @@ def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
 
 def place_of(record: MapRecord) -> Place | None:
     """Return where a map is: its georeference, else the middle of its scan in its coordinate system."""
-    known = record.georeference
+    known, system, middle = record.georeference, coordinate_system_of(record), _middle_of(record)
     if known is not None:
         return Place(known["latitude_deg"], known["longitude_deg"])
-    system, stats = coordinate_system_of(record), None if record.serving is None else record.serving.stats
-    if system is None or stats is None:
-        return None
-    lower, upper = stats["bounds"]["min"], stats["bounds"]["max"]
-    x, y, z = ((low + high) / 2 for low, high in zip(lower, upper, strict=True))
-    found = coordinate_system(system).place((x, y, z))
+    found = None if system is None or middle is None else coordinate_system(system).place(middle)
     return None if found is None else Place(found.latitude_deg, found.longitude_deg)
+
+
+def check_in_its_system(record: MapRecord) -> None:
+    """Raise InvalidOptionsError where a map is placed by a coordinate system that its scan lies outside of."""
+    middle, text = _middle_of(record), record.coordinate_system
+    if text is None or middle is None or record.georeference is not None:
+        return
+    system = coordinate_system(text)
+    if system.place(middle) is None:
+        raise InvalidOptionsError.of(
+            "coordinate_system", f"expected that of the scan, got {system.name}: {outside_of(middle)}"
+        )
+
+
+def _middle_of(record: MapRecord) -> tuple[float, float, float] | None:
+    """Return the middle of the scan that answers, metres; None while there is none."""
+    if record.serving is None or record.serving.stats is None:
+        return None
+    bounds = record.serving.stats["bounds"]
+    x, y, z = ((low + high) / 2 for low, high in zip(bounds["min"], bounds["max"], strict=True))
+    return x, y, z

@@ -23,6 +23,7 @@ from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import LONGEST_TAG
 from panoloc.service.maps.reading import is_read_otherwise, wanted_reading, with_stated
 from panoloc.service.maps.record import MapRecord, map_document
+from panoloc.service.maps.selection import check_in_its_system
 from panoloc.service.services import Services, services_of
 
 router = Router(tags=["maps"])
@@ -92,9 +93,15 @@ async def patch_map(
     patch = parse_json(MapPatch, await read_body(request.stream()), "body")
     changes, version = patch.changes(), _wanted_version(if_match)
     given = patch.reading()
-    record = await services.registry.change(
-        map_id, lambda record: with_stated(replace(record, **changes), given), version
-    )
+
+    def changed(record: MapRecord) -> MapRecord:
+        """Return the map as it is to be."""
+        record = replace(record, **changes)
+        if changes.get("coordinate_system") and not is_read_otherwise(record.newest, wanted_reading(record, given)):
+            check_in_its_system(record)
+        return with_stated(record, given)
+
+    record = await services.registry.change(map_id, changed, version)
     reading = wanted_reading(record, given)
     if is_read_otherwise(record.newest, reading):
         record = await read_again(request, map_id, reading)

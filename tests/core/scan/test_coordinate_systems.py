@@ -23,15 +23,20 @@ PLACE = np.array([640_000.0, 5_320_000.0, 500.0])
 
 
 def las_at(
-    cloud: PointCloud, wkt: str | None = None, keys: list[int] | None = None, minor: int = 4, scale: float = 1.0
+    cloud: PointCloud,
+    wkt: str | None = None,
+    keys: list[int] | None = None,
+    minor: int = 4,
+    scale: float = 1.0,
+    place: np.ndarray = PLACE,
 ) -> bytes:
-    """Return a LAZ file that lies at PLACE. keys: of GeoTIFF, four numbers each."""
+    """Return a LAZ file that lies at a place. keys: of GeoTIFF, four numbers each."""
     vlrs: list[Any] = [] if wkt is None else [WktCoordinateSystemVlr(wkt)]
     if keys is not None:
         vlrs.append(GeoKeyDirectoryVlr())
         vlrs[-1].parse_record_data(np.array([1, 1, 0, len(keys) // 4, *keys], "<u2").tobytes())
     positions = (cloud.positions * scale).astype(np.float32)
-    placed = replace(cloud, positions=positions, origin_offset=PLACE * scale)
+    placed = replace(cloud, positions=positions, origin_offset=place * scale)
     return las_of(placed, 7 if minor == 4 else 3, vlrs=tuple(vlrs), minor=minor)
 
 
@@ -131,11 +136,29 @@ def test_what_cannot_be_used_is_said_and_the_scan_is_read(
     assert len(found) == len(CLOUD)
 
 
+@pytest.mark.parametrize(
+    ("place", "is_used"),
+    [
+        (PLACE, True),
+        (np.add(PLACE, (300_000.0, 0.0, 0.0)), True),  # beyond the zone, but within the country
+        (np.add(PLACE, (4e6, 0.0, 0.0)), False),
+        (np.zeros(3), False),  # coordinates of its own
+    ],
+)
+def test_a_system_far_from_the_scan_is_not_used_whoever_names_it(place: np.ndarray, is_used: bool) -> None:
+    named = read("scan.laz", las_at(CLOUD, CRS(UTM_32).to_wkt(), place=place))
+    given = read("scan.laz", las_at(CLOUD, place=place), coordinate_system=UTM_32)
+    assert named.coordinate_system == (UTM_32 if is_used else None)
+    for found in (named, given):
+        assert ("lies outside its area" in notes_of(found).get("coordinate_system_unused", "")) != is_used
+
+
 def test_scans_of_one_zip_are_in_one_system() -> None:
     one, same = las_at(CLOUD, CRS(UTM_32).to_wkt()), las_at(CLOUD, keys=[3072, 0, 1, 25832], minor=2)
     found = read("scans.zip", zip_of({"a.laz": one, "b.laz": same}))
     assert found.coordinate_system == UTM_32
-    feet = zip_of({name: las_at(CLOUD, CRS(2263).to_wkt(), scale=3937 / 1200) for name in ("a.laz", "b.laz")})
+    in_feet = las_at(CLOUD, CRS(2263).to_wkt(), scale=3937 / 1200, place=np.array([300_000.0, 60_000.0, 10.0]))
+    feet = zip_of(dict.fromkeys(("a.laz", "b.laz"), in_feet))
     assert read("feet.zip", feet, unit="ft").coordinate_system == "EPSG:2263"
     other = las_at(CLOUD, CRS("EPSG:25833").to_wkt())
     with pytest.raises(

@@ -101,6 +101,23 @@ def test_large_coordinates_lose_nothing_to_float32() -> None:
     assert codes_of(found) == ["large_coordinates"]
 
 
+@pytest.mark.parametrize("num_strays", [1, 90])
+def test_null_points_far_from_a_scan_cost_it_no_millimetre(num_strays: int) -> None:
+    origin = np.array([691_000.1234, 5_335_000.5678, 520.0])
+    room = np.random.default_rng(1).random((200, 3)) * 5 + origin
+    found = read("scan.xyz", text_scan(np.vstack([room, np.zeros((num_strays, 3))])))
+    np.testing.assert_allclose(found.positions + found.origin_offset, room, atol=1e-6, rtol=0)
+    assert codes_of(found) == ["stray_points", "large_coordinates"]
+    assert f"{num_strays} points, the first at (0, 0, 0), were left out" in found.diagnostics[0].message
+
+
+@pytest.mark.parametrize(("num_far", "apart_m"), [(20, 5000.0), (1, 1500.0)])
+def test_what_is_a_part_of_a_scan_is_no_stray(num_far: int, apart_m: float) -> None:
+    room = np.random.default_rng(1).random((200, 3)) * 5
+    room[:num_far, 0] += apart_m
+    assert len(read("scan.xyz", text_scan(room)).positions) == 200
+
+
 @pytest.mark.parametrize("factor", [1000, 0.001])
 def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_unit(factor: float) -> None:
     found = read("scan.xyz", text_scan(ROOM * factor))

@@ -69,16 +69,21 @@ def described_photo(camera: CameraDescription) -> Photo:
     return Photo(PHOTO.color, PHOTO.valid, camera.of_image((8, 4), (8, 4)))
 
 
+IN_UTM = {"min": [691_000.0, 5_335_000.0, 500.0], "max": [691_012.0, 5_335_008.0, 503.0]}
+"""Bounds of a scan in EPSG:25832."""
+
+
 @dataclass
 class FakePool:
     """`fail_localize` and `fail_register` are raised, in turn, `full` as long as it is set; closed gates hold work, or its end,
-    back. asked: set once a query came. doubts: diagnostics of every map."""
+    back. asked: set once a query came. doubts: diagnostics of every map. bounds: of every scan, without those of an example."""
 
     worker_cache: WorkerCache
     is_ready: bool = True
     fail_localize: list[Exception] = field(default_factory=list)
     fail_register: list[Exception] = field(default_factory=list)
     doubts: list[dict[str, Any]] = field(default_factory=list)
+    bounds: dict[str, list[float]] | None = None
     register_gate: asyncio.Event = field(default_factory=asyncio.Event)
     localize_gate: asyncio.Event = field(default_factory=asyncio.Event)
     full: QueueFullError | None = None
@@ -128,7 +133,7 @@ class FakePool:
         unit = "m" if job.options.scan.unit == "auto" else job.options.scan.unit
         read_as = {"unit": unit, "height_unit": unit, "up_axis": "z"}
         read_as |= dict.fromkeys(("unit_from", "height_unit_from", "up_axis_from"), "assumed")
-        stats = {**example["stats"], "read_as": read_as}
+        stats = {**example["stats"], "read_as": read_as, "bounds": self.bounds or example["stats"]["bounds"]}
         return RegisterOutcome(stats, example["diagnostics"] + self.doubts, PNG, points, starts)
 
     def state(self) -> PoolState:

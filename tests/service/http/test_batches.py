@@ -13,12 +13,13 @@ import pytest
 from PIL import Image
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
+from panoloc.core.geometry.pose import Pose
 from panoloc.service.errors import QueueFullError, StorageFullError
 from panoloc.service.http.schemas.batches import Batch, BatchPage
 from panoloc.service.jobs import PoolState
 from panoloc.service.storage import FolderStorage
 from tests.core.image.picture_files import encoded, heic, phone_exif, photo_file, picture
-from tests.service.http.fake_pool import no_worker
+from tests.service.http.fake_pool import IN_UTM, no_worker, outcome_of
 from tests.service.http.running_service import SCAN, RunningService, Serve, png_of
 
 pytestmark = pytest.mark.anyio
@@ -429,8 +430,11 @@ async def test_a_format_of_places_on_earth_needs_a_georeference(running: Running
     found = json.loads((await export(running, batch_id, "geojson")).read("photos.geojson"))
     longitude, latitude, _ = found["features"][0]["geometry"]["coordinates"]
     assert (longitude, latitude) == (pytest.approx(-122.3, abs=1e-4), pytest.approx(47.7, abs=1e-4))
-    grid = {"georeference": None, "coordinate_system": "EPSG:25832"}
-    assert (await running.client.patch(f"/maps/{map_id}", json=grid)).status_code == 200
+    assert (await running.client.patch(f"/maps/{map_id}", json={"georeference": None})).status_code == 200
+    running.pool.bounds, taken = IN_UTM, Pose(np.eye(3), np.array([691_006.0, 5_335_004.0, 501.5]))
+    running.pool.outcome_of = lambda job: outcome_of(job, taken)
+    map_id, batch_id = await running.placed("a.png")
+    assert (await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": "EPSG:25832"})).status_code == 200
     found = json.loads((await export(running, batch_id, "stac")).read("items.json"))
     assert found["features"][0]["properties"]["pers:crs"] == 25832
     assert await running.status("GET", f"/batches/{batch_id}/export", params={"format": "kml"}) == 422

@@ -14,7 +14,7 @@ from panoloc.service.host import written_files
 from panoloc.service.http.schemas.changes import MapChanges
 from panoloc.service.jobs import ChangePhoto, LocalizeJob, LocalizeOutcome
 from panoloc.service.maps.changed_objects import floor_of
-from tests.service.http.fake_pool import outcome_of
+from tests.service.http.fake_pool import IN_UTM, outcome_of
 from tests.service.http.running_service import RunningService, png_of
 from tests.service.maps.test_changes import seen
 
@@ -130,6 +130,7 @@ async def test_a_report_says_what_was_found_and_where_the_map_is(
 async def test_a_report_tells_positions_as_the_map_does_on_its_grid_and_on_earth(
     running: RunningService, questions: list[dict[str, Any]]
 ) -> None:
+    running.pool.bounds = IN_UTM
     map_id, _ = await changed_map(running)
     path = f"/maps/{map_id}"
     at = {"x": 1.0, "y": 2.0, "z": 3.4}

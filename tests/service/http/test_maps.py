@@ -15,7 +15,7 @@ from panoloc.core.options import IndexOptions, ScanOptions
 from panoloc.service.errors import CacheDownError
 from panoloc.service.http.schemas.known_map import Map, MapPage
 from panoloc.service.limits.registration_limits import RegistrationLimits
-from tests.service.http.fake_pool import PNG, no_worker
+from tests.service.http.fake_pool import IN_UTM, PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService
 
 pytestmark = pytest.mark.anyio
@@ -97,6 +97,7 @@ async def test_pages_list_every_map_once_and_tags_narrow_them(running: RunningSe
 
 
 async def test_patch_changes_what_is_given_and_nothing_else(running: RunningService) -> None:
+    running.pool.bounds = IN_UTM
     map_id = await running.ready_map('{"name": "old", "tags": ["kept"]}')
     place = {"latitude_deg": 52.5, "longitude_deg": 13.4}
     body = (await running.client.patch(f"/maps/{map_id}", json={"name": "new", "georeference": place})).json()
@@ -182,7 +183,8 @@ async def test_what_a_scan_is_read_as_already_is_noted_without_reading_it_again(
         "message": "High.",
         "question": {"text": "?", "choices": choices},
     }
-    running.pool.doubts = [doubt]
+    in_san_diego = {"min": [1_914_000.0, 560_800.0, 120.0], "max": [1_914_012.0, 560_808.0, 123.0]}
+    running.pool.doubts, running.pool.bounds = [doubt], in_san_diego
     map_id = await running.ready_map(json.dumps(first))
     body = (await running.client.patch(f"/maps/{map_id}", json=stated)).json()
     assert body["revision"] == revision
@@ -198,12 +200,21 @@ async def test_what_a_scan_is_read_as_already_is_noted_without_reading_it_again(
 async def test_a_coordinate_system_with_other_units_reads_the_scan_again(
     running: RunningService, system: str, revision: int
 ) -> None:
+    running.pool.bounds = IN_UTM
     map_id = await running.ready_map()
     body = (await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": system})).json()
     assert body["revision"] == revision
     if revision == 2:
         await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
         assert running.pool.registrations[-1].options.scan.coordinate_system == body["coordinate_system"]
+
+
+async def test_a_coordinate_system_that_the_scan_cannot_be_in_is_refused(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    reply = await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": "EPSG:25832"})
+    assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, "coordinate_system")
+    assert "at 6 m east and 4 m north, lies outside its area" in reply.json()["detail"]
+    assert (await running.json(f"/maps/{map_id}"))["coordinate_system"] is None
 
 
 async def test_every_answer_of_a_map_that_is_in_doubt_says_so(running: RunningService) -> None:
