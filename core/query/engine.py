@@ -1,7 +1,7 @@
 """The engine. The order of the steps of a query is written here and nowhere else:
 
 prepare, for each focal length that the rig may have → refine and judge where the caller expects the rig
-→ unless that is localized, or the caller wants nothing else, for each round:
+→ unless that is sure, or the caller wants nothing else, for each round:
   propose, for each focal length → refine coarse, judge
   → of the focal length that fits best: refine medium, judge → refine fine, judge → stop when sure
 → the same for aliases of the best pose, and for other focal lengths.
@@ -67,7 +67,7 @@ class Engine:
         return result, found_cameras(given, contest.rig, result.hypotheses)
 
     def _where_expected(self, contests: Sequence[Contest], hints: Hints | None) -> Contest | None:
-        """Return the contest whose rig is localized where the caller expects it, or fits best there and he wants no other answer: then
+        """Return the contest whose rig is surely where the caller expects it, or fits best there and he wants no other answer: then
         nothing is searched. Else None."""
         if hints is None or hints.prior is None or len(contests[0].queries) != 1:
             return None
@@ -78,7 +78,7 @@ class Engine:
         # The last steps take the most time; what fits badly before them is no answer after them.
         if hints.prior.is_only or best.is_promising(self.confidence):
             best.rank()
-            if hints.prior.is_only or self.status(best) == "localized":
+            if hints.prior.is_only or self.is_sure(best):
                 return best
         for contest in contests:
             contest.most_margin = None

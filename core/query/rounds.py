@@ -75,7 +75,7 @@ def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
     most = DISTANCES.elsewhere
     reach_m, turn_deg = min(prior.position_std_m, most.distance_m), min(prior.orientation_std_deg, most.angle_deg)
     moves = [(0.0, 0.0, 0.0)]
-    if reach_m > DISTANCES.right.distance_m:
+    if reach_m >= DISTANCES.right.distance_m:
         moves += [(reach_m, 0.0, 0.0), (-reach_m, 0.0, 0.0), (0.0, reach_m, 0.0), (0.0, -reach_m, 0.0)]
     if turn_deg > DISTANCES.right.angle_deg:
         moves += [(0.0, 0.0, math.radians(turn_deg)), (0.0, 0.0, -math.radians(turn_deg))]

@@ -106,8 +106,15 @@ def test_what_is_not_localized_where_it_was_expected_is_searched(monkeypatch: py
     assert found.search.num_starts == answer().search.num_starts
 
 
+def test_what_is_localized_where_it_was_expected_but_not_surely_is_searched() -> None:
+    config = LocalizerConfig()
+    doubting = Localizer(replace(config, judge=replace(config.judge, sure=2.0)), device="cpu")
+    found = doubting.localize(rig_of(panorama()), [map_of(BOX, COARSE)], hints=expected(POSE))
+    assert (found.status, found.search.num_starts) == ("localized", answer().search.num_starts)
+
+
 @pytest.mark.parametrize("name", list(RIGS))
-@pytest.mark.parametrize(("std_m", "places"), [(0.2, 1), (0.7, 5), (5.0, 5)])
+@pytest.mark.parametrize(("std_m", "places"), [(0.29, 1), (0.3, 5), (0.7, 5), (5.0, 5)])
 @pytest.mark.parametrize(("std_deg", "turns_deg"), [(5.0, []), (12.0, [12.0, 12.0]), (60.0, [30.0, 30.0])])
 def test_the_rig_begins_where_its_first_camera_is_expected_beside_it_and_turned(
     name: str, std_m: float, places: int, std_deg: float, turns_deg: list[float]
