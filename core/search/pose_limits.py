@@ -67,21 +67,17 @@ class PoseLimits:
         The heading is the azimuth of the image centre; with the camera pointing almost straight up or down it says nothing.
         """
         allowed = torch.ones(rotations.shape[:-2], dtype=torch.bool, device=rotations.device)
+        # Rounding makes a level camera tilt, too.
         if self.max_rig_tilt is not None:
-            allowed &= rotations[..., 2, 2] >= math.cos(min(math.pi, self.max_rig_tilt + margin_rad))
+            allowed &= _tilt(rotations[..., 2]) <= self.max_rig_tilt + margin_rad + _INSIDE
         if self.max_tilt is not None:
-            upward = self._of_first(rotations[..., 2, :], 2)
-            allowed &= upward >= math.cos(min(math.pi, self.max_tilt + margin_rad))
+            allowed &= _tilt(self._up_of_first(rotations)) <= self.max_tilt + margin_rad + _INSIDE
         if self.heading is not None:
-            forward = self._of_first(rotations[..., :2, :], 0)
+            forward = rotations[..., :2, 0] if self.first_rotation is None else rotations[..., :2, :] @ self.first_rotation[:, 0]
             difference = torch.atan2(forward[..., 1], forward[..., 0]) - self.heading
             wrapped = torch.atan2(difference.sin(), difference.cos()).abs()
             allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)
         return allowed
-
-    def _of_first(self, rows: Tensor, axis: int) -> Tensor:
-        """Return of rows (..., 3) of rotations what they are for an axis of the first camera, (...)."""
-        return rows[..., axis] if self.first_rotation is None else rows @ self.first_rotation[:, axis]
 
     @property
     def bounds_tilts(self) -> bool:
@@ -96,9 +92,12 @@ class PoseLimits:
         if self.max_rig_tilt is not None:
             rotations = _tilted_at_most(rotations, rotations[..., :, 2], self.max_rig_tilt)
         if self.max_tilt is not None:
-            up = rotations[..., :, 2] if self.first_rotation is None else rotations @ self.first_rotation[:, 2]
-            rotations = _tilted_at_most(rotations, up, self.max_tilt)
+            rotations = _tilted_at_most(rotations, self._up_of_first(rotations), self.max_tilt)
         return rotations
+
+    def _up_of_first(self, rotations: Tensor) -> Tensor:
+        """Return the up axis (..., 3) of the first camera in the map."""
+        return rotations[..., 2] if self.first_rotation is None else rotations @ self.first_rotation[:, 2]
 
     def beyond(self, rotation: Tensor) -> bool:
         """Return whether a rotation (3, 3) tilts noticeably more than the limits allow."""
@@ -117,10 +116,15 @@ class PoseLimits:
         return self.allows_position(index.starts, float(index.leaf_sizes.max()) + self.reach_m)
 
 
+def _tilt(up: Tensor) -> Tensor:
+    """Return the angles (...) of vectors (..., 3) from the map's z axis. By their cosine the least angles are lost in rounding."""
+    return torch.atan2(up[..., :2].norm(dim=-1), up[..., 2])
+
+
 def _tilted_at_most(rotations: Tensor, up: Tensor, most: float) -> Tensor:
     """Return rotations (K, 3, 3) turned so that `up` (K, 3), unit vectors in the map, are at most `most` radians off its z axis."""
     flat = up[:, :2].norm(dim=-1)
-    excess = (torch.atan2(flat, up[:, 2]) - most + _INSIDE).clamp_min(0.0)
+    excess = (_tilt(up) - max(0.0, most - _INSIDE)).clamp_min(0.0)
     # The horizontal axis that turns `up` towards z; any, where it points straight down.
     axis = torch.stack((up[:, 1], -up[:, 0], torch.zeros_like(flat)), dim=-1) / flat.clamp_min(1e-9)[:, None]
     return rotation_from_vector(axis * excess[:, None]) @ rotations

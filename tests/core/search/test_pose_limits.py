@@ -62,6 +62,16 @@ def test_what_is_refined_away_from_the_only_prior_is_no_answer(std_m: float, rad
     assert limits.allows_position(places).tolist() == [True, False]
 
 
+@pytest.mark.parametrize("yaw", [0.0, 37.3, 291.7])
+def test_a_level_camera_is_allowed_where_none_may_tilt(yaw: float) -> None:
+    limits = pose_limits(Hints(max_tilt_deg=0.0), MAP)
+    turned_back = limits.nearest_rotations(turned(x=0.3, y=-0.2)[None] @ turned(z=yaw))
+    assert limits.allows_rotation(turned_back).tolist() == [True]
+    assert not bool(limits.allows_rotation(turned(x=0.1)))
+    aboard = limits.of_rig(turned(z=20.0, x=5.0), torch.zeros(3), None)
+    assert aboard.allows_rotation(aboard.nearest_rotations(turned_back)).tolist() == [True]
+
+
 def test_a_position_is_taken_within_five_metres_and_a_heading_within_45_degrees() -> None:
     limits = pose_limits(Hints(position_m=(1_000_000.25, -2_000_000.5, 100.0), heading_deg=0.0), MAP)
     assert limits.radius_m == 5.0
