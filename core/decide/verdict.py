@@ -80,16 +80,18 @@ class Doubts:
         judge = self._config
         known = [k for k, each in enumerate(agreements) if each is not None]
         doubtful = [k for k, each in enumerate(agreements) if each is not None and each.contradicts(judge)]
-        best = found.best
-        if best is None or not doubtful or len(agreements) == 1:
-            return found
-        if found.status == "not_localized" and doubtful == known:
+        best, count, is_lost = found.best, len(agreements), found.status == "not_localized"
+        if best is None or count == 1 or (is_lost and doubtful == known):
             return found  # of another place, all of them: nothing that some of them contradict
-        share = len(doubtful) / len(agreements)
-        found = replace(found, warnings=(*found.warnings, _contradiction(doubtful, len(agreements))))
-        if found.status == "not_localized" or (share <= judge.contradicting_share and doubtful[0] > 0):
+        share = len(doubtful) / count
+        is_refused = not is_lost and (share > judge.contradicting_share or 0 in doubtful)
+        # A pose that is metres from the others spoils the fit of all: which of them agree then says little.
+        outside = [k for k in range(count) if k not in known] if is_lost or is_refused else []
+        blamed = outside or doubtful
+        if not blamed:
             return found
-        return self._refused(found, best.confidence * (1 - share))
+        found = replace(found, warnings=(*found.warnings, _contradiction(blamed, count, bool(outside))))
+        return self._refused(found, best.confidence * (1 - share)) if is_refused else found
 
     def unless_plain(self, found: Localization, edges_deg: float | None) -> Localization:
         """Return the answer, not localized where images show hardly any edges: a plain wall in soft light fits in many places, and which of
@@ -125,19 +127,18 @@ class Doubts:
         return replace(found, status="not_localized", best=best, alternatives=others, warnings=warnings)
 
 
-def _contradiction(doubtful: Sequence[int], count: int) -> Remark:
-    """Say of which images, counted from 0, the poses or cameras must be wrong."""
-    numbers = [str(k + 1) for k in doubtful]
-    if len(numbers) == 1:
-        said, whose = (
-            f"image {numbers[0]} of {count} does",
-            "its session_from_camera and the field of view of its camera",
+def _contradiction(doubtful: Sequence[int], count: int, are_outside: bool) -> Remark:
+    """Say of which images, counted from 0, the poses or cameras must be wrong. are_outside: they show nothing of the scan."""
+    numbers, is_one = [str(k + 1) for k in doubtful], len(doubtful) == 1
+    named = f"image {numbers[0]}" if is_one else f"images {', '.join(numbers[:-1])} and {numbers[-1]}"
+    its = "its" if is_one else "their"
+    if are_outside:
+        said = f"{named} of {count} would lie outside of the scan at the pose that fits best"
+        return Remark(
+            "images_contradict",
+            f"{said}; check frame and {its} session_from_camera, or leave {'it' if is_one else 'them'} out",
         )
-    else:
-        said, whose = (
-            f"images {', '.join(numbers[:-1])} and {numbers[-1]} of {count} do",
-            "their session_from_camera and the field of view of their cameras",
-        )
+    said = f"{named} of {count} {'does' if is_one else 'do'} not agree with the pose that fits the others"
+    cameras = "the field of view of its camera" if is_one else "the field of view of their cameras"
     unless = "unless much of what is seen there has changed"
-    words = f"{said} not agree with the pose that fits the others; check frame, {whose}, {unless}"
-    return Remark("images_contradict", words)
+    return Remark("images_contradict", f"{said}; check frame, {its} session_from_camera and {cameras}, {unless}")

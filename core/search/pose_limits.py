@@ -73,7 +73,11 @@ class PoseLimits:
         if self.max_tilt is not None:
             allowed &= _tilt(self._up_of_first(rotations)) <= self.max_tilt + margin_rad + _INSIDE
         if self.heading is not None:
-            forward = rotations[..., :2, 0] if self.first_rotation is None else rotations[..., :2, :] @ self.first_rotation[:, 0]
+            forward = (
+                rotations[..., :2, 0]
+                if self.first_rotation is None
+                else rotations[..., :2, :] @ self.first_rotation[:, 0]
+            )
             difference = torch.atan2(forward[..., 1], forward[..., 0]) - self.heading
             wrapped = torch.atan2(difference.sin(), difference.cos()).abs()
             allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)

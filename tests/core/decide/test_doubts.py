@@ -47,6 +47,10 @@ def photos(agreements: list[float | None]) -> list[PhotoAgreement | None]:
         ([0.9, None, None, 0.9], "localized", "localized", ""),  # nothing of the scan in view is no contradiction
         ([0.1], "localized", "localized", ""),  # alone it has nothing to contradict
         ([0.5, 0.9, 0.1, -0.1], "not_localized", "not_localized", "images 3 and 4 of 4 do not agree"),
+        # What lies outside spoils the fit of the others, and is named in their place where nothing is found.
+        ([0.9, None, 0.1, 0.9], "not_localized", "not_localized", "image 2 of 4 would lie outside of the scan"),
+        ([0.35, None, None, 0.7], "localized", "not_localized", "images 2 and 3 of 4 would lie outside of the scan"),
+        ([0.9, None, 0.35, 0.9], "localized", "localized", "image 3 of 4 does not agree"),
         ([0.4, 0.1, 0.0, -0.1], "not_localized", "not_localized", ""),  # all of another place
     ],
 )
