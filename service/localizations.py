@@ -31,8 +31,8 @@ from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)
 
-IS_TRACKED = "is_tracked"
-"""Of a stored answer, not of those that are sent: whether its images had poses of a tracked session."""
+# Of what is stored, not of what is sent: whether the images of an answer had poses of a tracked session, and who asked.
+IS_TRACKED, _TENANT = "is_tracked", "tenant"
 # The pool refuses at once; a query that still runs after this is accepted.
 _ADMISSION_S = 0.05
 # The pool keeps the deadline; this much later no answer will come.
@@ -82,6 +82,7 @@ class Localizations:
         pending = {"id": localization_id, "status": "queued", "created_at": now(), "error": None}
         # By the time that anybody can ask for it, the query runs.
         running = {**pending, "status": "running", "due_unix_s": time.time() + query.options.timeout_s}
+        running[_TENANT] = query.maps.tenant
         await self.cache.put_state(localization_id, running, extra_s=query.options.timeout_s)
         task = asyncio.create_task(self._answer_later(query, chosen, pending))
         self._under_way[localization_id] = task
@@ -93,16 +94,17 @@ class Localizations:
             task.result()
         return pending
 
-    async def get(self, localization_id: str) -> Document:
-        """Return an answer or its state. Raises LocalizationNotFoundError."""
-        found = await self.stored(localization_id)
+    async def get(self, localization_id: str, tenant: str | None) -> Document:
+        """Return an answer or its state; tenant: of the caller, None for one that sees all. Raises LocalizationNotFoundError, also for what
+        another tenant asked for."""
+        found = await self.stored(localization_id, tenant)
         found.pop(IS_TRACKED, None)
         return found
 
-    async def stored(self, localization_id: str) -> Document:
-        """Return an answer or its state, an answer with `IS_TRACKED`. Raises LocalizationNotFoundError."""
+    async def stored(self, localization_id: str, tenant: str | None) -> Document:
+        """Return the same, an answer with `IS_TRACKED`."""
         found = await self.cache.get_localization(localization_id)
-        if found is None:
+        if found is None or tenant not in (None, found.pop(_TENANT, None)):
             raise unknown(localization_id, self.settings.result_ttl_s)
         due_unix_s = found.pop("due_unix_s", None)
         if due_unix_s is not None and time.time() > due_unix_s + _OVERDUE_S:
@@ -110,8 +112,9 @@ class Localizations:
             return {**found, "status": "failed", "error": problem_document(error, found["id"])}
         return found
 
-    async def forget(self, localization_id: str) -> None:
-        """Cancel a query whose answer is fetched later, or delete an answer and its pictures. Raises LocalizationNotFoundError."""
+    async def forget(self, localization_id: str, tenant: str | None) -> None:
+        """Cancel a query whose answer is fetched later, or delete an answer and its pictures. tenant, and what it raises: as of `get`."""
+        await self.get(localization_id, tenant)
         task = self._under_way.pop(localization_id, None)
         if task is not None:
             task.cancel()
@@ -119,11 +122,11 @@ class Localizations:
         if not await self.cache.forget_localization(localization_id):
             raise unknown(localization_id, self.settings.result_ttl_s)
 
-    async def picture(self, localization_id: str, name: str) -> bytes:
-        """Return a PNG of an answer. Raises LocalizationNotFoundError, also when the query did not ask for it."""
+    async def picture(self, localization_id: str, name: str, tenant: str | None) -> bytes:
+        """Return a PNG of an answer. tenant, and what it raises: as of `get`, also when the query did not ask for it."""
+        await self.get(localization_id, tenant)
         data = await self.cache.get_picture(localization_id, name)
         if data is None:
-            await self.get(localization_id)
             raise LocalizationNotFoundError(
                 f"expected a picture that the query requested, but {localization_id} has no {name}; list it under "
                 "`artifacts` in the query's options, or wait until the query is done"
@@ -153,7 +156,7 @@ class Localizations:
         remarks = [*chosen.warnings, *self._doubts(outcome.answer.map_id)]
         answer = outcome.answer.as_waited_for(time.monotonic() - began, remarks)
         document = answer.model_dump(mode="json")
-        stored = {**document, IS_TRACKED: query.images[0].session_from_camera is not None}
+        stored = {**document, IS_TRACKED: query.images[0].session_from_camera is not None, _TENANT: query.maps.tenant}
         try:
             await self.cache.put_answer(localization_id, stored, outcome.pictures, [ref.id for ref in chosen.refs])
             await self._forget_deleted(chosen)
@@ -242,6 +245,7 @@ class Localizations:
             if not isinstance(error, EXPECTED_ERRORS):
                 _log.exception("a query failed unexpectedly")
             failed = {**pending, "status": "failed", "error": problem_document(error, query.request_id)}
+            failed[_TENANT] = query.maps.tenant
             # Without Redis nobody can read the state either.
             with contextlib.suppress(ServiceError):
                 await self.cache.put_state(pending["id"], failed)

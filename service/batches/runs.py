@@ -181,7 +181,7 @@ class BatchRuns:
         if not record.answers or (answer_id := record.answers[number]) is None:
             return None
         try:
-            found = await self._localizations.get(answer_id)
+            found = await self._localizations.get(answer_id, record.tenant)
         except (LocalizationNotFoundError, CacheDownError):
             return None
         if found["status"] not in ("localized", "ambiguous", "not_localized"):

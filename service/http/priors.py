@@ -37,7 +37,7 @@ async def with_pose_of_prior(
     hints = options.hints
     if hints is None or hints.prior is None or hints.prior.localization_id is None:
         return options
-    answer = await localizations.stored(hints.prior.localization_id)
+    answer = await localizations.stored(hints.prior.localization_id, maps.tenant)
     if answer.get("map_id") is not None and not maps.has(answer["map_id"]):
         raise unknown(hints.prior.localization_id, localizations.settings.result_ttl_s)
     _check(answer, options, map_ids)

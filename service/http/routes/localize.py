@@ -221,7 +221,7 @@ async def _disconnected(request: Request) -> None:
 )
 async def get_localization(request: Request, localization_id: str) -> Response:
     """Return the answer to a query, or its state."""
-    found = await services_of(request).localizations.get(localization_id)
+    found = await services_of(request).localizations.get(localization_id, caller_of(request).tenant)
     waiting = found["status"] in ("queued", "running")
     return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)
 
@@ -235,7 +235,7 @@ async def get_localization(request: Request, localization_id: str) -> Response:
 )
 async def delete_localization(request: Request, localization_id: str) -> Response:
     """Cancel a query with `Prefer: respond-async` that has no answer yet; or delete the answer and its pictures."""
-    await services_of(request).localizations.forget(localization_id)
+    await services_of(request).localizations.forget(localization_id, caller_of(request).tenant)
     return Response(status_code=204)
 
 
@@ -243,7 +243,8 @@ def _offer_picture(name: str, summary: str, description: str) -> None:
     """Add the path of one picture; `name`: as queries ask for it, see `panoloc.service.jobs.ARTIFACTS`."""
 
     async def get_picture(request: Request, localization_id: str) -> Response:
-        data = await services_of(request).localizations.picture(localization_id, name)
+        tenant = caller_of(request).tenant
+        data = await services_of(request).localizations.picture(localization_id, name, tenant)
         return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600, immutable"})
 
     router.add_api_route(

@@ -57,6 +57,25 @@ async def test_an_answer_in_a_map_that_a_key_does_not_see_is_unknown_as_a_prior(
     assert refused["detail"].replace(answer["id"], "loc_never") == unknown["detail"]
 
 
+async def test_an_answer_is_there_for_its_tenant_alone_even_in_a_shared_map(callers: Callers) -> None:
+    museum, school = callers["museum"], callers["school"]
+    map_id = await museum.ready_map()
+    await museum.client.patch(f"/maps/{map_id}", json={"shared_with": ["school"]})
+    asked = json.dumps({"artifacts": ["overlay"]})
+    at_once = f"/localizations/{(await museum.localize(map_id, options=asked)).json()['id']}"
+    begun = await museum.localize(map_id, options=asked, headers={"Prefer": "respond-async"})
+    for path in (at_once, begun.headers["Location"]):
+        for shown in (path, f"{path}/overlay.png"):
+            await museum.eventually(path, lambda body: body["status"] == "localized")
+            assert await statuses(callers, shown, "museum", "visitors", "school", "admin") == [200, 200, 404, 200]
+        assert await school.status("DELETE", path) == 404
+        assert set(await museum.json(path)).isdisjoint({"tenant", "is_tracked"})
+        assert await callers["visitors"].status("DELETE", path) == 204
+        assert await statuses(callers, path, "museum") == [404]
+    hidden, unknown = [(await school.json(path))["detail"] for path in (at_once, "/localizations/loc_never")]
+    assert hidden.replace(at_once.rpartition("/")[2], "loc_never") == unknown
+
+
 async def test_a_map_is_not_there_for_keys_of_other_tenants(callers: Callers) -> None:
     school, map_id = callers["school"], await callers["museum"].ready_map()
     assert await statuses(callers, f"/maps/{map_id}", "museum", "school", "admin") == [200, 404, 200]
