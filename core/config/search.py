@@ -57,7 +57,8 @@ class FocalConfig:
     """Focal lengths that are not known for certain (see `panoloc.core.query.focal_lengths`). Steps and bounds: of the logarithm."""
 
     step: float = 0.15  # between those that poses are refined from; the search bears half of it
-    bounds: tuple[float, float] = (-0.1, 0.8)  # EXIF data do not mention zooms, of up to 2.2
+    # EXIF data do not mention zooms, of up to 2.2; and who guesses a field of view may be off by a third.
+    bounds: tuple[float, float] = (-0.4, 0.8)
     stated: float = 0.95  # times the score of a pose for another focal length than the stated one
     # Power of the share of the sphere that an image shows, times which its score counts where only bounds of its focal length are known.
     chance: float = 0.35

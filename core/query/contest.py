@@ -100,11 +100,11 @@ class Contest:
             with self.clock.stage("judge"):
                 tried = [h for h in self._judged(tried) if query.allows(h)]
             fulls = self._refined_fully(tried[:1])
-            if not fulls or prior.is_as_stated(fulls[0].final.log_focal, focal.step):
+            if not fulls:
                 break
-            is_guess = prior.is_guess(best.log_focal)
-            if fulls[0].final.score <= best.score and not is_guess:
-                losers.append(fulls[0].final)
+            is_guess, other = prior.is_guess(best.log_focal), fulls[0].final
+            if other.score <= best.score and not is_guess:
+                losers += [] if prior.is_as_stated(other.log_focal, focal.step) else [other]
                 break
             losers += [] if is_guess else [best]
             best, comparison = self._with_signs(fulls[0]), fulls[0].comparison

@@ -167,11 +167,15 @@ def test_at_the_same_place_another_focal_length_is_no_rival() -> None:
     assert contest.hypotheses[0].measures["focal_odds"] == 0.0
 
 
-def test_a_focal_length_that_is_hardly_another_is_none() -> None:
-    contest, _ = contest_of(others=lambda log_focal: [placed(1.0, 1.2, 0.07)])
+@pytest.mark.parametrize(("score", "log_focal", "odds"), [(1.2, 0.07, 1.2**-25), (0.99, 0.0, 0.0)])
+def test_a_focal_length_that_is_hardly_another_is_one_only_where_it_fits_better(
+    score: float, log_focal: float, odds: float
+) -> None:
+    contest, _ = contest_of(others=lambda log_focal: [placed(1.0, score, 0.07)])
     contest.add([placed(0.0, 1.0)])
     contest.add_focal_lengths()
-    assert (contest.hypotheses[0].log_focal, contest.hypotheses[0].measures["focal_odds"]) == (0.0, 0.0)
+    best = contest.hypotheses[0]
+    assert (best.log_focal, best.measures["focal_odds"]) == (log_focal, pytest.approx(odds))
 
 
 def test_the_focal_length_that_fits_best_wins_also_where_it_is_come_to_by_way_of_another() -> None:
