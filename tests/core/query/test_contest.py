@@ -175,7 +175,8 @@ def test_a_focal_length_that_is_hardly_another_is_one_only_where_it_fits_better(
     contest.add([placed(0.0, 1.0)])
     contest.add_focal_lengths()
     best = contest.hypotheses[0]
-    assert (best.log_focal, best.measures["focal_odds"]) == (log_focal, pytest.approx(odds))
+    assert best.log_focal == log_focal
+    assert best.measures["focal_odds"] == pytest.approx(odds)
 
 
 def test_the_focal_length_that_fits_best_wins_also_where_it_is_come_to_by_way_of_another() -> None:
