@@ -116,10 +116,12 @@ def font_of(size_px: int) -> Font:
 
 
 def legible(text: str, font: Font) -> str:
-    """Return the text with a question mark for each letter that the font does not have."""
+    """Return the text with a question mark for each letter that the font does not have, and for line feeds and the like."""
     lacking = bytes(font.getmask(_IN_NO_FONT))
     composed = unicodedata.normalize("NFC", text)
-    return "".join("?" if bytes(font.getmask(letter)) == lacking else letter for letter in composed)
+    return "".join(
+        letter if letter.isprintable() and bytes(font.getmask(letter)) != lacking else "?" for letter in composed
+    )
 
 
 def shortened(text: str, font: Font, width_px: float) -> str:

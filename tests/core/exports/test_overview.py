@@ -138,6 +138,7 @@ def test_letters_of_many_languages_are_drawn_and_those_of_no_font_are_question_m
     assert legible("Küche Кухня Κουζίνα.jpg", font) == "Küche Кухня Κουζίνα.jpg"
     assert legible("Ku\u0308che.jpg", font) == "Küche.jpg"  # as macOS writes it
     assert legible("厨房 1.jpg", font) == "?? 1.jpg"
+    assert legible("new\nline.jpg", font) == "new?line.jpg"
 
 
 def test_a_photo_in_heic_is_on_the_sheet(tmp_path: Path) -> None:
