@@ -128,7 +128,7 @@ def _tilt(up: Tensor) -> Tensor:
 def _tilted_at_most(rotations: Tensor, up: Tensor, most: float) -> Tensor:
     """Return rotations (K, 3, 3) turned so that `up` (K, 3), unit vectors in the map, are at most `most` radians off its z axis."""
     flat = up[:, :2].norm(dim=-1)
-    excess = (_tilt(up) - max(0.0, most - _INSIDE)).clamp_min(0.0)
+    excess = (_tilt(up) - most + min(_INSIDE, most)).clamp_min(0.0)
     # The horizontal axis that turns `up` towards z; any, where it points straight down.
     axis = torch.stack((up[:, 1], -up[:, 0], torch.zeros_like(flat)), dim=-1) / flat.clamp_min(1e-9)[:, None]
     return rotation_from_vector(axis * excess[:, None]) @ rotations
