@@ -119,8 +119,8 @@ class CoordinateSystem:
         if self._area is None:
             return True
         beyond, (west, south, east, north) = 0.0 if may_be_local else _BEYOND_DEG, self._area.bounds
-        middle, half = (west + (east - west) % 360 / 2), (east - west) % 360 / 2
-        off = abs((longitude - middle + 180) % 360 - 180)
+        half = ((east - west) % 360 or 360) / 2  # of some systems beyond the 180th meridian, of others all around
+        off = abs((longitude - west - half + 180) % 360 - 180)
         is_near: bool = south - beyond <= latitude <= north + beyond and off <= half + beyond
         return is_near
 

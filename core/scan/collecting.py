@@ -105,8 +105,8 @@ class ScanCollector:
             return positions, thinned  # a long scan, or another unit
         self._context.note(
             "stray_points",
-            f"{len(positions) - len(kept):,} points, the first at ({', '.join(f'{value:,.0f}' for value in places[0])}), were left out: "
-            f"they lie more than {_metres(_LARGEST_PLAUSIBLE_M)} from all others.",
+            f"{len(positions) - len(kept):,} of {len(positions):,} points were left out, the first of them at "
+            f"({', '.join(f'{value:,.0f}' for value in places[0])}): they lie more than {_metres(_LARGEST_PLAUSIBLE_M)} from all others.",
             "warning",
         )
         self._lowest, self._highest = lowest, highest

@@ -64,6 +64,23 @@ def test_what_is_no_projected_system_is_refused_with_what_was_expected(text: str
         coordinate_system(text)
 
 
+@pytest.mark.parametrize(
+    ("code", "east", "north", "is_used"),
+    [
+        (UTM_32, 940_000.0, 5_320_000.0, True),  # in the next zone, but in the country
+        (UTM_32, 4_640_000.0, 5_320_000.0, False),
+        (UTM_32, 6.0, 4.0, False),  # of a site of its own
+        ("EPSG:32632", 6.0, 4.0, False),
+        ("EPSG:28992", 6.0, 4.0, False),
+        ("EPSG:3857", 1_490_000.0, 6_890_000.0, True),  # all around the Earth
+        ("EPSG:3832", 1_000_000.0, -2_000_000.0, True),  # on both sides of the 180th meridian
+        ("EPSG:3832", -17_000_000.0, -2_000_000.0, False),
+    ],
+)
+def test_a_system_is_used_in_its_area_and_a_little_beyond(code: str, east: float, north: float, is_used: bool) -> None:
+    assert (coordinate_system(code).place((east, north, 0.0)) is not None) == is_used
+
+
 def test_positions_outside_of_a_system_have_no_place() -> None:
     assert coordinate_system(UTM_32).place((1e12, 1e12, 0.0)) is None
 
