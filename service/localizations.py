@@ -104,7 +104,8 @@ class Localizations:
     async def stored(self, localization_id: str, tenant: str | None) -> Document:
         """Return the same, an answer with `IS_TRACKED`."""
         found = await self.cache.get_localization(localization_id)
-        if found is None or tenant not in (None, found.pop(_TENANT, None)):
+        asked_by = None if found is None else found.pop(_TENANT, None)
+        if found is None or (tenant is not None and asked_by != tenant):
             raise unknown(localization_id, self.settings.result_ttl_s)
         due_unix_s = found.pop("due_unix_s", None)
         if due_unix_s is not None and time.time() > due_unix_s + _OVERDUE_S:

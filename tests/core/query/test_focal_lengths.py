@@ -104,6 +104,13 @@ def test_no_focal_length_within_bounds_is_farther_from_a_guess_than_half_a_step(
 # What is tried.
 
 
+def test_lengths_from_two_thirds_to_twice_the_stated_one_are_tried() -> None:
+    tried = known(focal_prior(Rig.of_photo(zoomed()), FOCAL)).tried(FOCAL.step)
+    assert min(tried) < math.log(0.8)
+    assert max(tried) > math.log(1.9)
+    assert 0.0 not in tried
+
+
 def test_with_another_focal_length_the_camera_stands_where_what_is_halfway_deep_keeps_its_size() -> None:
     depth, weights = torch.tensor([[[1.0, 2.0, 5.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 1e-9, 0, 0]])
     comparison: Any = SimpleNamespace(views=SimpleNamespace(depth=depth), weights=weights)
@@ -217,6 +224,13 @@ def test_a_photo_of_a_zoom_is_found_where_it_was_taken_and_the_answer_says_how_w
     (words,) = found.warnings
     assert "not 100.0 as given" in words
     assert "hfov_deg" in words
+
+
+@pytest.mark.slow
+def test_one_that_is_said_to_be_far_too_narrow_fits_best_where_it_was_taken() -> None:
+    found = localized(said_to_be(photo_of(TAKEN), 60.0))
+    assert_found(found, POSE, 0.1)
+    assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([WIDTH_DEG], abs=4.0)
 
 
 @pytest.mark.slow
