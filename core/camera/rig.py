@@ -1,4 +1,4 @@
-"""A rig: one or more cameras with poses among each other, and the image that each took.
+"""Panoramas, photos, and rigs: one or more cameras with poses among each other, and the image that each took.
 
 A panorama is a rig of one camera that covers the sphere, a photo of one that covers a part, a session of several.
 """
@@ -9,10 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
 from panoloc.core.errors import PanoramaShapeError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import SessionOptions
+
+
+@dataclass(frozen=True)
+class Panorama:
+    """A full-sphere equirectangular image.
+
+    color: (H, W, 3) uint8, W = 2 H, RGB; row 0 looks up, the centre column looks forward (+x).
+    valid: (H, W) bool; False marks pixels to ignore (missing, masked, outside a crop). Missing is a mask, never a colour.
+    left_out: in words for people, what was found not to be the place, and is not valid for that.
+    """
+
+    color: NDArray[np.uint8]
+    valid: NDArray[np.bool_]
+    left_out: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        height, width = self.valid.shape
+        if self.color.shape != (height, width, 3) or width != 2 * height:
+            raise PanoramaShapeError(
+                f"panorama: expected color (H, 2H, 3) and valid (H, 2H), got {self.color.shape} and {self.valid.shape}"
+            )
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ import torch
 from PIL import Image
 
 from panoloc.core.camera.camera import CameraDescription
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.crops import crop_pair, encode_jpeg
 from panoloc.core.changes.finding import Change, DatedPhoto, find_changes

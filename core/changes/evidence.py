@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.changes.config import CHANGES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear, wrap_border

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.detection import find_placed_objects
 from panoloc.core.changes.evidence import PhotoEvidence, photo_evidence

@@ -11,31 +11,17 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-from panoloc.core.image.heif_header import HEIF
 from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, Upload, image_kind, open_image
 from panoloc.core.sandbox import SandboxLimits, refuse_system_calls, sandbox_environment, take_limits
 
 if TYPE_CHECKING:
     from PIL import Image
-    from PIL.ImageFile import ImageFile
 
 _LIMITS = SandboxLimits(memory_bytes=4 << 30, cpu_s=60)  # 100 megapixels take 1.4 GB and 4 s
 _QUALITY, _SMALL_QUALITY = 95, 82
 _EXIF_IFD, _MAKER_NOTE = 0x8769, 0x927C
 _MOST_XMP_BYTES = 65_000  # of a segment of a JPEG
 _TOO_LARGE, _DAMAGED = 3, 4
-
-
-def open_decodable(data: bytes, upload: Upload, max_pixels: int) -> tuple[bytes, "ImageFile"]:
-    """Open an upload that can then be decoded, converted where it has to be; returns it with its bytes.
-
-    Raises as `open_image` and `converted` do.
-    """
-    image = open_image(data, upload, max_pixels)
-    if image.format != HEIF:
-        return data, image
-    data = converted(data, upload, max_pixels)
-    return data, open_image(data, upload, max_pixels)
 
 
 def converted(data: bytes, upload: Upload, max_pixels: int, max_side: int | None = None) -> bytes:

@@ -12,8 +12,8 @@ from PIL import Image
 from PIL.ImageFile import ImageFile
 
 from panoloc.core.camera.camera import Camera, CameraDescription, have_one_shape
-from panoloc.core.errors import PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
-from panoloc.core.image.image_header import numbered
+from panoloc.core.errors import OptionsError, PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
+from panoloc.core.image.image_header import IMAGE, numbered, open_image
 
 _EXIF_IFD, _ORIENTATION = 0x8769, 0x0112
 _FOCAL_LENGTH_35MM = 0xA405
@@ -36,6 +36,17 @@ class Crop:
     top: int
     width: int
     height: int
+
+
+@dataclass(frozen=True)
+class ShownCamera:
+    """The camera of an image as people see it: in the pixels of the whole file, turned upright.
+
+    offset: where (px) the image begins in the camera's own: of a GPano crop, in the full sphere.
+    """
+
+    camera: Camera
+    offset: tuple[int, int] = (0, 0)
 
 
 def check_known_cameras(images: Sequence[ImageFile], files: Sequence[bytes]) -> None:
@@ -80,6 +91,34 @@ def known_camera(image: ImageFile, data: bytes) -> Camera | Crop | None:
         "photo, keep the EXIF data (focal length in 35 mm terms), or send its camera (options.cameras): a model and its "
         "intrinsics, or its field of view (hfov_deg, --hfov 69), or bounds of that (hfov_range_deg, --hfov 45-90)"
     )
+
+
+def shown_camera(data: bytes, described: CameraDescription | None, max_pixels: int) -> ShownCamera:
+    """Return the camera of a file as `panoloc.core.image.reader.read_image` would find it; decodes nothing.
+
+    Raises as that does for what is no image or says nothing of its camera, and OptionsError for a photo that is stored turned with a camera
+    that is described as it is stored.
+    """
+    image = open_image(data, IMAGE, max_pixels)
+    size = upright_size(image)
+    described = described_for(image, data, described)
+    if described is not None:
+        if described.is_as_stored(image.size) and size != image.size:
+            raise OptionsError(
+                f"pairs: expected a camera described as its image is seen, {size[0]} x {size[1]} px, got one of the image as it is stored, "
+                f"{image.width} x {image.height} px; place the photo by a rough pose instead"
+            )
+        return ShownCamera(described.of_image(image.size, size))
+    found = known_camera(image, data)
+    if isinstance(found, Camera):
+        return ShownCamera(found)
+    if isinstance(found, Crop):
+        return ShownCamera(_sphere(found.full_width, found.full_height), (found.left, found.top))
+    return ShownCamera(_sphere(*size))
+
+
+def _sphere(width: int, height: int) -> Camera:
+    return Camera("equirectangular", width, height, width / (2 * math.pi), height / math.pi, width / 2, height / 2)
 
 
 def upright_size(image: Image.Image) -> tuple[int, int]:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image, share_with_direction
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig
+from panoloc.core.camera.rig import Panorama, Photo, Rig
 from panoloc.core.config import CONTRAST, RefinementConfig
 from panoloc.core.errors import OptionsError, PanoramaUnusableError
 from panoloc.core.geometry.pose import Pose

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.image.label_codes import LabelCodes
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.geometry.pose import pose_error
 from panoloc.core.localizer import Localizer
 from panoloc.core.many_maps import LoadedMaps, localize_among

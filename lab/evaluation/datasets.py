@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.errors import CoreError
 from panoloc.core.geometry.pose import Pose, PoseError, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere

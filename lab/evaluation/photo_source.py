@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama

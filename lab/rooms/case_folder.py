@@ -8,7 +8,7 @@ from typing import Any
 
 from PIL import Image
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud

@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.options import ColorKind, Hints

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.errors import PanoramaShapeError
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.image.shown_camera import ShownCamera, shown_camera
+from panoloc.core.image.known_camera import ShownCamera, shown_camera
 from panoloc.core.options import Hints, PosePrior
 from panoloc.core.survey.resection import Resection, resect, residuals_px
 from panoloc.service.answer import (
@@ -203,7 +203,7 @@ class _Photo:
             factor = math.tan(math.radians(camera.hfov_deg) / 2) / math.tan(math.radians(found.hfov_deg) / 2)
             camera = replace(camera, fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px)
         if self.pairs is not None:
-            pixels = self.seen.of_seen(self.pairs.pixels)
+            pixels = self.pairs.pixels + self.seen.offset
             off = residuals_px(camera, pose, pixels, self.pairs.points).round(2).tolist()
         shown = pose_answer(pose, self.record.options.frame, self.place)
         return Placed(shown, off, evidence)
@@ -247,7 +247,7 @@ def _guesses(by_hand: ByHand, seen: ShownCamera) -> list[_Guess]:
         assert by_hand.pose is not None
         return [_Guess(by_hand.pose, by_hand.position_std_m, by_hand.orientation_std_deg, UNMEASURED)]
     points = by_hand.pairs.points
-    solved = resect(seen.camera, seen.of_seen(by_hand.pairs.pixels), points)
+    solved = resect(seen.camera, by_hand.pairs.pixels + seen.offset, points)
 
     def guess(each: Resection) -> _Guess:
         """Return one of the poses, as if it were the first."""

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.errors import OptionsError, PanoramaTooLargeError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.image_header import numbered

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.changes.evidence import photo_evidence
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions, project

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
 from panoloc.core.render.synthetic_view import render_views

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig
+from panoloc.core.camera.rig import Panorama, Photo, Rig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import build_map_index

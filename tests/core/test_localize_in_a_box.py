@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.errors import DeadlineExceededError, OptionsError
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.map.map_builder import build_map_index

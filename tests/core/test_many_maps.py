@@ -6,8 +6,7 @@ from functools import cache
 
 import pytest
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.localizer import Localizer
 from panoloc.core.many_maps import localize_among, scores_among

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.options import IndexOptions

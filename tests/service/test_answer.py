@@ -10,8 +10,7 @@ import pytest
 from pyproj import Proj, Transformer
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Frame, Status, TrackedPose
 from panoloc.core.remarks import Remark

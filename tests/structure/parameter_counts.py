@@ -9,13 +9,13 @@ from panoloc.core import config
 from panoloc.core.config import IndexConfig, LocalizerConfig, PaperConfig
 from tests.structure.rooms import localizing_rooms
 
-_INVALID_REGIONS = "core/image/invalid_regions/*"
+_INVALID_REGIONS = "core/image/invalid_regions.py:*"
 # Numbers that are no parameters, by `file:NAME`, and why.
 _NO_PARAMETERS = {
     "formats of files and frames": (
         *(
             f"core/image/{name}.py:*"
-            for name in ("heif_header", "conversion", "image_file", "image_header", "known_camera")
+            for name in ("heif_header", "conversion", "image_header", "known_camera", "reader")
         ),
         *(
             "core/map/map_codec.py:*",

@@ -79,7 +79,7 @@ def test_parameters_of_the_engine_are_told_from_those_of_the_paper_and_sizes_of_
     assert "SearchConfig.wide_share" in found.configuration
     assert not any(name.startswith("PaperConfig.") for name in found.configuration)
     assert "PaperConfig.num_starts" in found.paper
-    assert any(name.startswith("core/image/invalid_regions/") for name in found.invalid_regions)
+    assert any(name.startswith("core/image/invalid_regions.py") for name in found.invalid_regions)
     assert not any("exif.py" in name for name in [*found.constants, *found.invalid_regions])
 
 

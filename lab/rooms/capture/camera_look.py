@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo
+from panoloc.core.camera.rig import Panorama, Photo
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.lab.rooms.capture.camera_look import encode_jpeg
 from panoloc.lab.rooms.capture.views import pixel_centers, viewing_directions
 

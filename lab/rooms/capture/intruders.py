@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.geometry.pose import Pose
 from panoloc.lab.rooms.capture.views import pixel_centers, viewing_directions
 from panoloc.lab.rooms.materials.artwork import random_rgb

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo
+from panoloc.core.camera.rig import Panorama, Photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import project, sample_bilinear
 from panoloc.lab.rooms.capture.pixel_rays import rays_of_pixels

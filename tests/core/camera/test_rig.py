@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.errors import PanoramaShapeError
 from panoloc.core.geometry.pose import Pose
 from tests.core.painted_box import rotation_of

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.changes.__main__ import object_document
 from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.finding import Change, DatedPhoto

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.changes.evidence import PhotoEvidence, photo_evidence
 from panoloc.core.changes.voxels import LEAST_CHANGED, VoxelGrid, voxel_features
 from panoloc.core.geometry.pose import Pose

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.geometry.pose import Pose

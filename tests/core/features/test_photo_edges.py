@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.config import JudgeConfig, LineConfig
 from panoloc.core.features.photo_edges import Edges, edges_of_photos
 from panoloc.core.geometry.pose import Pose

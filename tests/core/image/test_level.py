@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
 from panoloc.core.image.level import Level

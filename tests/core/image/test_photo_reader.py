@@ -8,8 +8,8 @@ from PIL import Image
 
 from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.errors import CoreError, OptionsError, PanoramaDamagedError, PanoramaShapeError, PanoramaUnusableError
+from panoloc.core.image.known_camera import shown_camera
 from panoloc.core.image.reader import read_image, read_panorama
-from panoloc.core.image.shown_camera import shown_camera
 from panoloc.core.options import MAX_PIXELS
 from tests.core.image.picture_files import encoded, gpano_packet, photo_file, picture
 

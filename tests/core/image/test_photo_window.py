@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.photo_window import rig_on_sphere
 from tests.core.built_maps import BOX, POSE

@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.errors import PanoramaUnusableError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import even_directions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.paper.sphere_image import SphereImage
 

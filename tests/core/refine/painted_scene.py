@@ -6,8 +6,7 @@ import numpy as np
 import torch
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo, Rig
+from panoloc.core.camera.rig import Panorama, Photo, Rig
 from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions

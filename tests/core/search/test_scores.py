@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.config import DescriptorConfig
 from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.described_views import DescribedViews

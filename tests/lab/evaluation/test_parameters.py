@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.lab.rooms import Scene, View, apply_look, changed_pixels, take_view
 from panoloc.lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, CameraLook
 from panoloc.lab.rooms.capture.intruders import show_hand

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Panorama
 from panoloc.core.geometry.pose import Pose
 from panoloc.lab.rooms import Scene, cut_photo, take_panorama, take_photo
 from panoloc.lab.rooms.capture.shooting import turned

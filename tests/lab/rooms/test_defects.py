@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.image.invalid_regions.finding import find_missing
+from panoloc.core.camera.rig import Panorama
+from panoloc.core.image.invalid_regions import find_missing
 from panoloc.lab.evaluation.photo_source import as_uploaded
 from panoloc.lab.rooms import View, suite_cases, with_any_defect
 from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look
@@ -44,7 +44,7 @@ def test_a_flat_defect_in_a_room_is_found_and_the_room_stays(panorama: Panorama,
     for seed in range(3):
         spoilt, covered = add_defect(panorama, kind, np.random.default_rng(seed))
         photo = apply_look(spoilt, CameraLook(jpeg_quality=85))  # no noise: software draws after the camera
-        missing = find_missing(photo.color, photo.valid, True).missing
+        missing, _ = find_missing(photo.color, photo.valid, True)
         found.append(missing[covered].mean())
         lost.append(missing[~covered].mean())
     assert np.median(found) > 0.9
@@ -52,7 +52,7 @@ def test_a_flat_defect_in_a_room_is_found_and_the_room_stays(panorama: Panorama,
 
 
 def test_in_a_room_without_a_defect_nothing_is_found(panorama: Panorama) -> None:
-    assert find_missing(panorama.color, panorama.valid, True).words == ()
+    assert find_missing(panorama.color, panorama.valid, True)[1] == ()
 
 
 def test_what_is_not_covered_by_a_defect_stays_but_for_compression(room_view: View) -> None:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from panoloc.core.camera.camera import CameraDescription
-from panoloc.core.camera.panorama import Panorama
-from panoloc.core.camera.rig import Photo
+from panoloc.core.camera.rig import Panorama, Photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Status
 from panoloc.core.results import Candidate, FoundImage, Localization, SearchSummary

@@ -1,14 +1,22 @@
 """Pictures as cameras take them, without the scene generator: smooth shading, texture and noise."""
 
 import io
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from panoloc.core.image.invalid_regions.finding import Found, find_missing
+from panoloc.core.image.invalid_regions import find_missing
 
 Pixels = NDArray[np.uint8]
+
+
+class Found(NamedTuple):
+    """What is not the place, and what is said of it."""
+
+    missing: NDArray[np.bool_]
+    words: tuple[str, ...]
 
 
 def scenery(width: int = 1024, height: int = 512, seed: int = 0, noise: float = 2.0) -> Pixels:
@@ -31,7 +39,7 @@ def as_jpeg(color: Pixels, quality: int = 85) -> Pixels:
 
 def find(color: Pixels, is_sphere: bool = True) -> Found:
     """Return what is found where every pixel counts."""
-    return find_missing(color, np.ones(color.shape[:2], np.bool_), is_sphere)
+    return Found(*find_missing(color, np.ones(color.shape[:2], np.bool_), is_sphere))
 
 
 def shares(found: Found, covered: NDArray[np.bool_]) -> tuple[float, float]:

@@ -1,4 +1,6 @@
-"""Void: parts that have exactly one colour because nothing was there to be seen. Bars and plain caps around a pole are void too.
+"""Find what an image shows that is not the place, from the decoded pixels alone, and say so in words for people.
+
+That is void: parts that have exactly one colour because nothing was there to be seen. Bars and plain caps around a pole are void too.
 
 Three properties tell void from a dark corner, a blown window or a white wall. Void has exactly one colour, where cameras add noise. It ends
 at once, where light fades. Hardly anything else in the image is flat, unlike in renderings and in images of labels.
@@ -14,8 +16,9 @@ from numpy.typing import NDArray
 Mask = NDArray[np.bool_]
 Levels = NDArray[np.int16]
 
+_BLANK_SHARE = 0.995  # of the cells that have the median colour
 _CELL_PX = 4  # half of a block of JPEG
-NOISE_LEVELS = 6  # of a void's pixels from its colour, where JPEG ripples
+_NOISE_LEVELS = 6  # of a void's pixels from its colour, where JPEG ripples
 _SHADE_LEVELS = 40  # of what may be the shaded rim of something that has the colour
 # Shares chosen between what 130 panoramas with void show, and 800 panoramas and photos without, many of them overexposed or dim.
 _LEAST_SHARE = 0.01  # of the image
@@ -26,8 +29,46 @@ _MOST_FLAT = 0.2  # of all other cells, black and white ones aside
 _MOST_SHADED = 0.45  # of the cells around
 
 
+def find_missing(color: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> tuple[Mask, tuple[str, ...]]:
+    """Find flat void in an image (H, W, 3), of whose pixels (H, W) `valid` are known to count.
+
+    Returns the pixels (H, W) that are not the place, and one sentence per kind of thing that was found.
+
+    An image of one colour all over is said to be one, and nothing of it is taken out.
+
+    is_sphere: the image is a full equirectangular sphere, and is called a panorama. People, tripods and logos are not looked for.
+    """
+    whole = "panorama" if is_sphere else "photo"
+    missing = np.zeros(valid.shape, np.bool_)
+    cells = _cells_of(color, valid)
+    if not cells.seen.any():
+        return missing, ()
+    if cells.within(np.median(cells.low[cells.seen], axis=0), _NOISE_LEVELS)[cells.seen].mean() >= _BLANK_SHARE:
+        words = (
+            f"the {whole} has a single colour and shows no place; check whether the lens was covered or the export "
+            "failed"
+        )
+        return missing, (words,)
+    said = []
+    for target, void in _find_voids(color, cells):
+        share = float((void & valid & ~missing).mean())
+        missing |= void
+        said.append(
+            f"{share:.0%} of the {whole} is a flat {_color_name(target)} void and was left out; "
+            "send a mask to override this"
+        )
+    return missing, tuple(said)
+
+
+def _color_name(rgb: list[int]) -> str:
+    """Return "black", "white", or the colour in the notation of the web."""
+    if max(rgb) <= _NOISE_LEVELS:
+        return "black"
+    return "white" if min(rgb) >= 255 - _NOISE_LEVELS else "#" + "".join(f"{level:02x}" for level in rgb)
+
+
 @dataclass(frozen=True)
-class Cells:
+class _Cells:
     """The squares of a few pixels that an image consists of.
 
     low, high: (h, w, 3) int16, the least and the greatest value of each channel. seen: (h, w) bool, where all pixels count.
@@ -42,7 +83,7 @@ class Cells:
         return np.asarray(((self.low >= target - levels) & (self.high <= target + levels)).all(axis=-1))
 
 
-def cells_of(color: NDArray[np.uint8], valid: Mask) -> Cells:
+def _cells_of(color: NDArray[np.uint8], valid: Mask) -> _Cells:
     """Return the cells of an image (H, W, 3), of whose pixels (H, W) `valid` count; what fills no cell is left out."""
     height, width = (side // _CELL_PX * _CELL_PX for side in valid.shape)
 
@@ -51,20 +92,20 @@ def cells_of(color: NDArray[np.uint8], valid: Mask) -> Cells:
         rows = reduce(combine, [values[i:height:_CELL_PX, :width] for i in range(_CELL_PX)])
         return np.asarray(reduce(combine, [rows[:, i::_CELL_PX] for i in range(_CELL_PX)]), np.int16)
 
-    return Cells(
+    return _Cells(
         over_cells(np.minimum, color), over_cells(np.maximum, color), over_cells(np.logical_and, valid).astype(np.bool_)
     )
 
 
-def find_voids(color: NDArray[np.uint8], cells: Cells) -> Iterator[tuple[list[int], Mask]]:
+def _find_voids(color: NDArray[np.uint8], cells: _Cells) -> Iterator[tuple[list[int], Mask]]:
     """Yield colour (3) and mask (H, W) of a black void, a white one and one of another colour in an image (H, W, 3) of these cells."""
     flat = cells.seen & (cells.low == cells.high).all(axis=-1)
-    black = flat & cells.within(np.zeros(3), NOISE_LEVELS)
-    white = flat & cells.within(np.full(3, 255.0), NOISE_LEVELS)
+    black = flat & cells.within(np.zeros(3), _NOISE_LEVELS)
+    white = flat & cells.within(np.full(3, 255.0), _NOISE_LEVELS)
     colored = flat & ~black & ~white
     for kind, least in ((black, _LEAST_SHARE), (white, _LEAST_SHARE), (colored, _LEAST_COLORED)):
         target = _commonest(cells.low[kind])
-        solid = cells.seen & cells.within(target, NOISE_LEVELS)
+        solid = cells.seen & cells.within(target, _NOISE_LEVELS)
         if not kind.any() or not least <= solid.mean() <= _MOST_SHARE:
             continue
         inner = ~_spread(~solid, 2)  # no ripple of the rim reaches these: it ends with its block
@@ -73,7 +114,7 @@ def find_voids(color: NDArray[np.uint8], cells: Cells) -> Iterator[tuple[list[in
         around = others & _spread(beside, 1)
         shade = cells.within(target, _SHADE_LEVELS)
         if kind is white:  # light that clips one channel before the others
-            shade |= cells.high.max(axis=-1) >= 255 - NOISE_LEVELS
+            shade |= cells.high.max(axis=-1) >= 255 - _NOISE_LEVELS
         if (
             (inner & cells.within(target, 0)).sum() >= _LEAST_EXACT * max(inner.sum(), 1)
             and (others & colored).sum() <= _MOST_FLAT * others.sum()
@@ -94,7 +135,7 @@ def _pixels(color: NDArray[np.uint8], target: Levels, beside: Mask) -> Mask:
     near = np.zeros(color.shape[:2], np.bool_)
     reach = beside.repeat(_CELL_PX, axis=0).repeat(_CELL_PX, axis=1)
     near[: reach.shape[0], : reach.shape[1]] = reach
-    near[near] = (np.abs(color[near] - target) <= NOISE_LEVELS).all(axis=-1)
+    near[near] = (np.abs(color[near] - target) <= _NOISE_LEVELS).all(axis=-1)
     return _spread(near, _CELL_PX // 2)  # pixels at the rim are mixed
 
 
