@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import CONTRAST
-from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.geometry.sphere_window import SphereWindow, directions_of, solid_angles_of
 from panoloc.core.kernels.library import call, has_kernels_for
 
 
@@ -71,11 +71,11 @@ def _surroundings(color: Tensor, valid: Tensor, window: SphereWindow) -> Tensor:
     logarithms = (color[:, some, some] + CONTRAST.darkest).log_().mul_(known)
     planes = torch.cat((logarithms, known), dim=-1).permute(0, 3, 1, 2)
     small = torch.nn.functional.interpolate(planes, size=(around.height, around.width), mode="area")
-    mean = mean_around(small.flatten(2), _weights_around(around, str(color.device)))
+    mean = mean_around(small.flatten(2), _weights_around(around, color.device))
     return mean.view(len(color), 3, around.height, around.width)
 
 
 @lru_cache(maxsize=8)
 @torch.inference_mode(False)  # it outlives the query that asked for it first
-def _weights_around(window: SphereWindow, device: str) -> Tensor:
-    return weights_between(window.directions(torch.device(device)), window.solid_angles(torch.device(device)))
+def _weights_around(window: SphereWindow, device: torch.device) -> Tensor:
+    return weights_between(directions_of(window, device), solid_angles_of(window, device))

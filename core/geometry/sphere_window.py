@@ -61,14 +61,6 @@ class SphereWindow:
             (flat * np.cos(azimuth), flat * np.sin(azimuth), np.broadcast_to(rise, (self.height, self.width))), -1
         )
 
-    def directions(self, device: torch.device) -> Tensor:
-        """Return the unit viewing direction (S, 3) of every pixel's centre, row by row. Not to be changed: many share it."""
-        return _directions(self, str(device))
-
-    def solid_angles(self, device: torch.device) -> Tensor:
-        """Return the solid angle (S,) in steradians of every pixel, row by row. Not to be changed: many share it."""
-        return _solid_angles(self, str(device))
-
     def pixels_towards(self, directions: Tensor) -> tuple[Tensor, Tensor]:
         """Return the number (...) of the pixel that shows each direction (..., 3), 0 outside, and which of them are inside."""
         pixel, inside = self.pixels_at(*project(directions, self.rows, 2 * self.rows))
@@ -129,13 +121,15 @@ def _arc(azimuths: Tensor, elevations: Tensor, margin: float) -> tuple[float, fl
 
 @lru_cache(maxsize=8)
 @torch.inference_mode(False)  # it outlives the query that asked for it first
-def _directions(window: SphereWindow, device: str) -> Tensor:
+def directions_of(window: SphereWindow, device: torch.device) -> Tensor:
+    """Return the unit viewing direction (S, 3) of every pixel's centre, row by row. Not to be changed: many share it."""
     return torch.from_numpy(window.grid()).float().to(device).view(-1, 3)
 
 
 @lru_cache(maxsize=8)
 @torch.inference_mode(False)
-def _solid_angles(window: SphereWindow, device: str) -> Tensor:
+def solid_angles_of(window: SphereWindow, device: torch.device) -> Tensor:
+    """Return the solid angle (S,) in steradians of every pixel, row by row. Not to be changed: many share it."""
     solid = pixel_solid_angles(window.rows, 2 * window.rows, device)
     rows = slice(window.first_row, window.first_row + window.height)
     return solid[rows].expand(-1, window.width).flatten()

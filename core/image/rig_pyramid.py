@@ -18,7 +18,7 @@ from panoloc.core.config import CONTRAST
 from panoloc.core.errors import PanoramaUnusableError
 from panoloc.core.geometry.projection import unproject
 from panoloc.core.geometry.rotations import even_directions
-from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.geometry.sphere_window import SphereWindow, solid_angles_of
 from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.image.level import BORDER, Level
 from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
@@ -87,7 +87,7 @@ class Windows:
     def solid_angles(self) -> Tensor:
         """Return the solid angle (H, W) of each pixel, valid or not."""
         device = self.valid.device
-        return self.packed([w.place.solid_angles(device).view(w.valid.shape) for w in self.each])
+        return self.packed([solid_angles_of(w.place, device).view(w.valid.shape) for w in self.each])
 
     @cached_property
     def weights(self) -> Tensor:
@@ -117,6 +117,11 @@ class Windows:
         if len(self.each) == 1:
             return self.directions @ self._rotations[0].T
         return torch.einsum("hwab,hwb->hwa", self._rotations[self.image], self.directions)
+
+    @cached_property
+    def as_seen(self) -> Level:
+        """Return the level of the windows' own colours."""
+        return self.level(self.color)
 
     def level(self, color: Tensor) -> Level:
         """Return the level of other packed colours (3, H, W) of the same windows.
@@ -195,11 +200,10 @@ class RigPyramid:
     def sees(self, directions: Tensor) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
         windows = self.windows(EXTENT_ROWS)
-        level = windows.level(windows.color)
         seen = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
         for number in range(len(self)):
             x, y, z = (directions @ self.rotations[number]).T
-            sampled = level.sample(torch.atan2(y, x)[None], torch.asin(z.clamp(-1, 1))[None], number)
+            sampled = windows.as_seen.sample(torch.atan2(y, x)[None], torch.asin(z.clamp(-1, 1))[None], number)
             seen |= sampled[0, 3] > 0.5
         return seen
 

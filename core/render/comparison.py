@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.features.equalization import apply_tables, equalization_tables, equalize
-from panoloc.core.geometry.sphere_window import window_around
+from panoloc.core.geometry.sphere_window import directions_of, solid_angles_of, window_around
 from panoloc.core.image.level import VALID_SHARE, Level
 from panoloc.core.image.photo_window import EXTENT_ROWS
 from panoloc.core.image.rig_pyramid import RigPyramid
@@ -58,7 +58,6 @@ class RigView:
             [[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0, 0, 1]]
         )
         self.rig_from_view = around.to(pyramid.rotations)
-        self._levels: dict[int, Level] = {}
         self._alone: dict[int, tuple[Tensor, Tensor]] = {}
 
     def compare(
@@ -81,7 +80,7 @@ class RigView:
         parts = ViewParts(rotations @ self.rig_from_view, window, axes, self._half_angles)
         views = render_views(cloud, positions, parts, with_points)
         seen, image = self._look_up(views, rows, log_focals)
-        weights = views.valid.flatten(1) * window.solid_angles(positions.device) * (image >= 0)
+        weights = views.valid.flatten(1) * solid_angles_of(window, positions.device) * (image >= 0)
         scan, tables = views.color.flatten(1, 2), None
         if self.pyramid.labels is None:
             scan, tables = equalize(scan, weights), equalization_tables(seen, weights)
@@ -102,7 +101,8 @@ class RigView:
     def _at_depths(self, depth: Tensor, valid: Tensor, rows: int, log_focals: Tensor | None) -> tuple[Tensor, Tensor]:
         """Return what `_look_up` returns, at depths (K, S), metres, of pixels that are valid (K, S)."""
         count, size = depth.shape
-        level, directions = self._level(rows), self._directions(rows)
+        level = self.pyramid.windows(rows).as_seen
+        directions = directions_of(self._window.at(rows), depth.device) @ self.rig_from_view.T
         if has_kernels_for(depth):
             found, image = depth.new_empty((count, size, 3)), torch.empty((count, size), dtype=torch.int64)
             seen = level.pixels, level.pixels.shape[1], level.rows, level.places
@@ -127,20 +127,7 @@ class RigView:
             color[:, :, near] = torch.where(better, sampled[:3], color[:, :, near])
         return color.permute(1, 2, 0).contiguous(), image
 
-    def _directions(self, rows: int) -> Tensor:
-        """Return the directions (S, 3) of the pixels of views in the axes of the rig."""
-        return self._window.at(rows).directions(self.rig_from_view.device) @ self.rig_from_view.T
-
-    def _level(self, rows: int) -> Level:
-        """Return what the images show, at one resolution."""
-        if rows not in self._levels:
-            windows = self.pyramid.windows(rows)
-            self._levels[rows] = windows.level(windows.color)
-        return self._levels[rows]
-
-    def _sampled(
-        self, level: Level, in_rig: Tensor, number: int, log_focals: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def _sampled(self, level: Level, in_rig: Tensor, number: int, log_focals: Tensor | None) -> tuple[Tensor, Tensor]:
         """Return what an image shows at points of the rig (3, K, N): colour and validity (4, K, N), and how near they are to its middle."""
         moved = in_rig - level.centers[number][:, None, None]
         x, y, z = (level.rotations[number].T @ moved.flatten(1)).view(in_rig.shape).unbind(0)

@@ -70,13 +70,19 @@ class ViewParts:
     """The parts of B views that are wanted, in axes of their own.
 
     rotations: (B, 3, 3) map_from_view. window: of the image in these axes. axes: (B, M, 3), unit directions in the map, and half_angles
-    (M,), radians: outside of the cones around them nothing need be drawn.
+    (M,), radians: outside of the cones around them nothing need be drawn; without cones everything is.
     """
 
     rotations: Tensor
     window: SphereWindow
     axes: Tensor
     half_angles: Tensor
+
+    @staticmethod
+    def of_sphere(rows: int, centers: Tensor) -> "ViewParts":
+        """Return all of views from centers (B, 3), images of `rows` rows in axes parallel to the map's."""
+        rotations = torch.eye(3, device=centers.device).expand(len(centers), 3, 3)
+        return ViewParts(rotations, SphereWindow.of_sphere(rows), rotations[:, :0], centers.new_empty(0))
 
 
 @dataclass(frozen=True)
@@ -93,13 +99,14 @@ class DrawnPoints:
     spacing: Tensor
 
 
-def drawn_points(cloud: RenderCloud, centers: Tensor, window: SphereWindow, parts: ViewParts | None) -> DrawnPoints:
+def drawn_points(cloud: RenderCloud, centers: Tensor, parts: ViewParts) -> DrawnPoints:
     """Choose the points of each view. A block is thinned by the largest power of two that leaves a point in every pixel."""
+    window, is_partial = parts.window, len(parts.half_angles) > 0
     distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
     pixel_angle = math.pi / window.rows
     per_point = (distance * (pixel_angle / (RENDERING.footprint * cloud.spacing))).clamp_min(1.0).square()
     exponent = torch.log2(per_point).floor_().clamp_(0, len(cloud.block_points) - 1).to(torch.int8)
-    if parts is not None:
+    if is_partial:
         exponent.masked_fill_(~_blocks_within(cloud, centers, parts), -1)
     view, block = (exponent >= 0).nonzero(as_tuple=True)
     stride = 1 << exponent[view, block].long()
@@ -108,7 +115,7 @@ def drawn_points(cloud: RenderCloud, centers: Tensor, window: SphereWindow, part
     view, block, stride = view[which], block[which], stride[which]
     member = (torch.arange(len(which), device=which.device) - (counts.cumsum(0) - counts)[which]) * stride
     number, relative = block * BLOCK + member, cloud.block_points[0][block, :, member] - centers[view]
-    if parts is not None:
+    if is_partial:
         relative = (relative[:, None] @ parts.rotations[view])[:, 0]
     relative, spacing = relative.T.contiguous(), cloud.spacing * stride.sqrt()
     u, v = project(relative.T, window.rows, 2 * window.rows)

@@ -43,11 +43,6 @@ class SyntheticViews:
     map_from_view: Tensor
 
 
-def num_levels(height: int) -> int:
-    """Return how many halvings of an image of `height` rows keep at least 8 rows, plus one."""
-    return max(1, int(math.log2(height / 8)) + 1)
-
-
 def render_views(
     cloud: RenderCloud, centers: Tensor, wanted: int | ViewParts, with_points: bool = True
 ) -> SyntheticViews:
@@ -56,17 +51,15 @@ def render_views(
     wanted: rows of images of the whole sphere, in axes parallel to the map's, or parts of it in axes of their own. with_points: also find
     the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
     """
-    if isinstance(wanted, int):
-        window, parts = SphereWindow.of_sphere(wanted), None
-        map_from_view = torch.eye(3, device=centers.device).expand(len(centers), 3, 3)
-    else:
-        window, parts, map_from_view = wanted.window, wanted, wanted.rotations
+    parts = ViewParts.of_sphere(wanted, centers) if isinstance(wanted, int) else wanted
     # Pictures have one more channel than colours and a count, and are drawn by tensors.
     if has_kernels_for(centers) and cloud.colors.shape[1] == 4:
-        return _compiled_views(cloud, centers, window, parts, map_from_view, with_points)
-    shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels(window.rows))]
+        return _compiled_views(cloud, centers, parts, with_points)
+    window = parts.window
+    num_levels = max(1, int(math.log2(window.rows / 8)) + 1)  # the coarsest has at least 8 rows to a sphere
+    shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels)]
     offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()
-    drawn = drawn_points(cloud, centers, window, parts)
+    drawn = drawn_points(cloud, centers, parts)
     distance = drawn.relative.square().sum(0).sqrt()
     cell = _cells_of(drawn.pixel, distance, drawn.spacing, offsets, window)
     nearest = torch.full((offsets[-1],), math.inf, device=distance.device)
@@ -83,11 +76,11 @@ def render_views(
     sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
     color, valid = _compose_color(_levels(sums, shapes))
     if not with_points:
-        return SyntheticViews(color, depth, valid, drawn.number[:0], window, map_from_view)
+        return SyntheticViews(color, depth, valid, drawn.number[:0], window, parts.rotations)
     u, v, pixel = (part.index_select(0, visible) for part in (drawn.u, drawn.v, drawn.pixel))
     # What fills up the last run lies where its last point does.
     number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), depth.numel())
-    return SyntheticViews(color, depth, valid, number.view(depth.shape), window, map_from_view)
+    return SyntheticViews(color, depth, valid, number.view(depth.shape), window, parts.rotations)
 
 
 def depths_from(cloud: RenderCloud, centers: Tensor, rows: int) -> Tensor:
@@ -95,43 +88,27 @@ def depths_from(cloud: RenderCloud, centers: Tensor, rows: int) -> Tensor:
     if not has_kernels_for(centers):
         return render_views(cloud, centers, rows, with_points=False).depth
     depth = centers.new_empty((len(centers), rows, 2 * rows))
-    axes = torch.eye(3).expand(len(centers), 3, 3)
-    _draw(cloud, centers, SphereWindow.of_sphere(rows), None, axes, (None, depth, None, None))
+    _draw(cloud, centers, ViewParts.of_sphere(rows, centers), None, depth, None, None)
     return depth
 
 
-def _compiled_views(
-    cloud: RenderCloud,
-    centers: Tensor,
-    window: SphereWindow,
-    parts: ViewParts | None,
-    map_from_view: Tensor,
-    with_points: bool,
-) -> SyntheticViews:
+def _compiled_views(cloud: RenderCloud, centers: Tensor, parts: ViewParts, with_points: bool) -> SyntheticViews:
     """Return what `render_views` returns, by the kernel."""
-    shape = len(centers), window.height, window.width
+    shape = len(centers), parts.window.height, parts.window.width
     color, depth = centers.new_empty((*shape, 3)), centers.new_empty(shape)
     valid, point = torch.empty(shape, dtype=torch.bool), torch.empty(shape if with_points else 0, dtype=torch.int64)
-    found = color, depth, valid, point if with_points else None
-    _draw(cloud, centers, window, parts, map_from_view, found)
-    return SyntheticViews(color, depth, valid, point, window, map_from_view)
+    _draw(cloud, centers, parts, color, depth, valid, point if with_points else None)
+    return SyntheticViews(color, depth, valid, point, parts.window, parts.rotations)
 
 
-def _draw(
-    cloud: RenderCloud,
-    centers: Tensor,
-    window: SphereWindow,
-    parts: ViewParts | None,
-    map_from_view: Tensor,
-    found: tuple[Tensor | None, Tensor, Tensor | None, Tensor | None],
-) -> None:
+def _draw(cloud: RenderCloud, centers: Tensor, parts: ViewParts, *found: Tensor | None) -> None:
     """Draw views by the kernel. found: color, depth, valid and point, as of `SyntheticViews`; None for what is not wanted."""
     scan = cloud.colors, cloud.block_centers, cloud.block_radii
     size = len(cloud.block_centers), len(cloud.positions), cloud.spacing
+    window = parts.window
     pixels = window.rows, window.first_row, window.first_column, window.height, window.width
     rules = RENDERING.footprint, RENDERING.slack_spacings, RENDERING.slack_share, RENDERING.fill_levels
-    views = len(centers), centers, map_from_view
-    cones = (parts.axes, parts.half_angles, parts.axes.shape[1]) if parts else (centers, centers, 0)
+    views, cones = (len(centers), centers, parts.rotations), (parts.axes, parts.half_angles, len(parts.half_angles))
     call("render_views", *scan, *cloud.block_points, *size, *pixels, *rules, *views, *cones, *found)
 
 

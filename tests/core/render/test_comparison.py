@@ -12,7 +12,7 @@ from panoloc.core.config import JudgeConfig
 from panoloc.core.decide.agreement import agreement
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions
-from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.geometry.sphere_window import SphereWindow, directions_of
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import ViewParts
@@ -68,7 +68,7 @@ def test_a_panorama_is_compared_in_every_direction() -> None:
 
 def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest() -> None:
     found = compared()
-    directions = found.views.window.directions(torch.device("cpu")) @ found.views.map_from_view[0].T
+    directions = directions_of(found.views.window, torch.device("cpu")) @ found.views.map_from_view[0].T
     points = BOX.points_along(RIG.position, directions.double().numpy())
     best, expected = np.full(len(points), -np.inf), np.full(len(points), -1)
     for number, (camera, pose) in enumerate(zip(CAMERAS, TWO, strict=True)):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles
-from panoloc.core.geometry.sphere_window import CELLS, SphereWindow, window_around
+from panoloc.core.geometry.sphere_window import CELLS, SphereWindow, directions_of, solid_angles_of, window_around
 
 CPU = torch.device("cpu")
 PART = SphereWindow(16, 4, 20, 8, 6)
@@ -16,13 +16,13 @@ PART = SphereWindow(16, 4, 20, 8, 6)
 
 def test_pixels_of_a_window_are_those_of_the_sphere() -> None:
     rows, columns = slice(4, 12), slice(20, 26)
-    torch.testing.assert_close(PART.directions(CPU), pixel_directions(16, 32)[rows, columns].reshape(-1, 3))
+    torch.testing.assert_close(directions_of(PART, CPU), pixel_directions(16, 32)[rows, columns].reshape(-1, 3))
     solid = pixel_solid_angles(16, 32).expand(-1, 32)[rows, columns]
-    torch.testing.assert_close(PART.solid_angles(CPU), solid.flatten())
+    torch.testing.assert_close(solid_angles_of(PART, CPU), solid.flatten())
 
 
 def test_a_direction_falls_into_its_own_pixel_and_nothing_outside_into_any() -> None:
-    numbers, inside = PART.pixels_towards(PART.directions(CPU))
+    numbers, inside = PART.pixels_towards(directions_of(PART, CPU))
     assert bool(inside.all())
     np.testing.assert_array_equal(numbers, np.arange(48))
     everywhere = pixel_directions(16, 32).view(-1, 3)
