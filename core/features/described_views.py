@@ -22,8 +22,7 @@ from panoloc.core.features.patch_descriptors import (
     principal_basis,
     spreads_of,
 )
-from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.features.patch_histograms import soft_histograms
+from panoloc.core.features.patch_histograms import PatchGrid, soft_histograms
 
 
 @dataclass(frozen=True)
@@ -97,61 +96,50 @@ class DescribedViews:
         return int(added + sum(tensor.numel() * tensor.element_size() for tensor in tensors))
 
 
-@dataclass(frozen=True)
-class RenderedViews:
-    """Views of a batch: color (B, H, W, 3) in 0..1, canonical (B, H W, 3), valid (B, H, W) bool, weights (B, H, W) solid angles."""
-
-    color: Tensor
-    canonical: Tensor
-    valid: Tensor
-    weights: Tensor
-
-
 class ViewCollector:
     """Describes views batch by batch. The basis comes from views that lie evenly among all, given first."""
 
-    def __init__(self, config: DescriptorConfig, is_labels: bool, sample: RenderedViews) -> None:
+    def __init__(self, config: DescriptorConfig, is_labels: bool, color: Tensor, weights: Tensor) -> None:
         self._config, self._is_labels = config, is_labels
         self._grid = PatchGrid(config.patch_rows, 2 * config.patch_rows)
-        self._solid_angles = self._grid.solid_angles(sample.color.device)
-        roots, _ = centered_roots(described_histograms(sample, self._grid, config.bins, is_labels), self._solid_angles)
-        self._basis = principal_basis(roots, config.size)
+        self._solid_angles = self._grid.solid_angles(color.device)
+        histograms = described_histograms(color, weights, self._grid, config.bins, is_labels)
+        self._basis = principal_basis(centered_roots(histograms, self._solid_angles)[0], config.size)
         self._parts: list[DescribedViews] = []
 
-    def add(self, views: RenderedViews) -> None:
-        """Describe a batch."""
-        histograms = described_histograms(views, self._grid, self._config.bins, self._is_labels)
-        values, weights = described(histograms, self._solid_angles, self._basis)
+    def add(self, color: Tensor, weights: Tensor) -> None:
+        """Describe a batch: color (B, H, W, 3) in 0..1 and weights (B, H, W), solid angles, zero where nothing was seen."""
+        histograms = described_histograms(color, weights, self._grid, self._config.bins, self._is_labels)
+        values, shares = described(histograms, self._solid_angles, self._basis)
         scale = values.abs().amax((1, 2)).clamp_min(1e-9) / self._config.steps
         steps = (values / scale[:, None, None]).round().to(torch.int8)
-        pictures, seen = small_pictures(views, self._config.picture_height)
-        self._parts.append(DescribedViews(steps, scale, self._basis, weights.half(), pictures, seen))
+        pictures, seen = small_pictures(color, weights > 0, self._config.picture_height)
+        self._parts.append(DescribedViews(steps, scale, self._basis, shares.half(), pictures, seen))
 
     def collected(self, keep: Tensor) -> DescribedViews:
         """Return the views numbered `keep` of all that were added."""
         names = ("steps", "scale", "weights", "pictures", "seen")
-        joined = {name: torch.cat([getattr(part, name) for part in self._parts]) for name in names}
-        return DescribedViews(**joined, basis=self._basis).take(keep)
+        joined = {name: torch.cat([getattr(part, name) for part in self._parts])[keep] for name in names}
+        return DescribedViews(**joined, basis=self._basis)
 
 
-def described_histograms(views: RenderedViews, grid: PatchGrid, bins: int, is_labels: bool) -> Tensor:
-    """Return what patches are described by: histograms of equalized colours and, next to them, of local contrast (B, P, 2 bins³).
+def described_histograms(color: Tensor, weights: Tensor, grid: PatchGrid, bins: int, is_labels: bool) -> Tensor:
+    """Return what patches of views are described by: histograms of equalized colours and, next to them, of local contrast (B, P, 2 bins³).
 
-    Labels have no light: (B, P, bins³).
+    color: (B, H, W, 3) in 0..1; weights: (B, H, W), solid angles, zero where nothing was seen. Labels have no light: (B, P, bins³).
     """
-    batch, height, width, _ = views.color.shape
-    patch = grid.patch_of_pixel(height, width, views.color.device).flatten().expand(batch, -1)
-    weights, parts = views.weights.flatten(1), [views.canonical]
+    batch, height, width, _ = color.shape
+    patch = grid.patch_of_pixel(height, width, color.device).flatten().expand(batch, -1)
+    parts, flat = [color.flatten(1, 2)], weights.flatten(1)
     if not is_labels:
-        parts.append(equalize(local_contrast(views.color, views.valid.float()).flatten(1, 2), weights))
-    return soft_histograms(parts, weights, patch, len(grid), bins)
+        contrast = local_contrast(color, (weights > 0).float()).flatten(1, 2)
+        parts = [equalize(part, flat) for part in (*parts, contrast)]
+    return soft_histograms(parts, flat, patch, len(grid), bins)
 
 
-def small_pictures(views: RenderedViews, height: int) -> tuple[Tensor, Tensor]:
-    """Return pictures (B, h, 2h, 3) uint8 averaged over what was seen, and where at least half was (B, h, 2h)."""
-    planes = torch.cat((views.color * views.valid[..., None], views.valid[..., None].float()), dim=-1).permute(
-        0, 3, 1, 2
-    )
+def small_pictures(color: Tensor, valid: Tensor, height: int) -> tuple[Tensor, Tensor]:
+    """Return pictures (B, h, 2h, 3) uint8 averaged over what was seen of views, and where at least half was (B, h, 2h)."""
+    planes = torch.cat((color * valid[..., None], valid[..., None].float()), dim=-1).permute(0, 3, 1, 2)
     small = torch.nn.functional.interpolate(planes, size=(height, 2 * height), mode="area")
-    color = small[:, :3] / small[:, 3:].clamp_min(1e-6)
-    return (color.clamp(0, 1) * 255).round().byte().permute(0, 2, 3, 1).contiguous(), small[:, 3] >= 0.5
+    mean = small[:, :3] / small[:, 3:].clamp_min(1e-6)
+    return (mean.clamp(0, 1) * 255).round().byte().permute(0, 2, 3, 1).contiguous(), small[:, 3] >= 0.5

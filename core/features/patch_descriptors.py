@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.kernels.library import call, has_kernels_for
 
 _BLOCK = 128  # columns of a symmetric product that are computed at a time

@@ -5,7 +5,7 @@ Convention: `map_from_camera` maps camera coordinates (x forward, y left, z up) 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -142,7 +142,7 @@ class PoseError:
     """How far a pose is from the known one: metres between camera centres, degrees between orientations."""
 
     position_m: float
-    orientation_deg: float = field(default=0.0)
+    orientation_deg: float
 
     def within(self, position_m: float, orientation_deg: float) -> bool:
         """Tell whether both errors are at most the given limits."""

@@ -62,12 +62,12 @@ def wrap_border(image: Tensor) -> Tensor:
     return torch.cat((rows[..., -1:], rows, rows[..., :1]), dim=2)
 
 
-def sample_planes(bordered: Tensor, u: Tensor, v: Tensor) -> Tensor:
-    """Sample an image (C, H + 2, W + 2) with the border of `wrap_border` at pixel coordinates (K, N), bilinearly: (K, C, N)."""
-    height, width = bordered.shape[-2:]
-    # The centre of the first real pixel lies at 1.0 of the bordered image; grid_sample wants -1..1 between the outermost centres.
-    grid = torch.stack(((u + 0.5) * (2 / (width - 1)) - 1, (v + 0.5) * (2 / (height - 1)) - 1), dim=-1)
-    images = bordered.expand(len(u), -1, -1, -1)
+def sample_planes(planes: Tensor, column: Tensor, row: Tensor) -> Tensor:
+    """Sample planes (C, H, W) bilinearly at places (K, N) counted in pixels from the centre of the first one: (K, C, N)."""
+    height, width = planes.shape[-2:]
+    # grid_sample wants -1..1 between the outermost centres.
+    grid = torch.stack((column * (2 / (width - 1)) - 1, row * (2 / (height - 1)) - 1), dim=-1)
+    images = planes.expand(len(column), -1, -1, -1)
     sampled = torch.nn.functional.grid_sample(images, grid[:, None], align_corners=True, padding_mode="border")
     return sampled[:, :, 0]
 
@@ -77,5 +77,6 @@ def sample_bilinear(image: Tensor, u: Tensor, v: Tensor) -> Tensor:
 
     Differentiable in `image`, `u` and `v` (piecewise, as bilinear interpolation is).
     """
-    sampled = sample_planes(wrap_border(image), u.reshape(1, -1), v.reshape(1, -1))
+    # The centre of the first pixel lies at 1.0 of the bordered image.
+    sampled = sample_planes(wrap_border(image), u.reshape(1, -1) + 0.5, v.reshape(1, -1) + 0.5)
     return sampled[0].T.reshape(*u.shape, len(image))

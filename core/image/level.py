@@ -10,7 +10,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from panoloc.core.geometry.projection import LEAST_SINE
+from panoloc.core.geometry.projection import LEAST_SINE, sample_planes
 
 VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 BORDER = 2  # pixels around each window, of which the outer ones are there for derivatives alone
@@ -93,11 +93,7 @@ class Level:
         outer = BORDER - 1
         column = torch.minimum(((math.pi - azimuth) * per_rad - first_column).clamp_min_(0), last_column) + outer
         row = torch.minimum(((math.pi / 2 - elevation) * per_rad - first_row).clamp_min_(0), last_row) + top + outer
-        height, width = planes.shape[1:]
-        grid = torch.stack((column * (2 / (width - 1)) - 1, row * (2 / (height - 1)) - 1), dim=-1)
-        images = planes.expand(len(azimuth), -1, -1, -1)
-        sampled = torch.nn.functional.grid_sample(images, grid[:, None], align_corners=True, padding_mode="border")
-        return sampled[:, :, 0]
+        return sample_planes(planes, column, row)
 
     def sample_points(
         self,

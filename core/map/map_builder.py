@@ -6,22 +6,21 @@ Paper: §3.1 to §3.3, the map side: starts, one synthetic view per start, patch
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from panoloc.core.config import IndexConfig
-from panoloc.core.features.described_views import RenderedViews, ViewCollector
-from panoloc.core.features.equalization import equalize
+from panoloc.core.features.described_views import ViewCollector
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.image.label_codes import label_codes
 from panoloc.core.map.aliases import find_aliases
 from panoloc.core.map.map_index import INDEX_VERSION, MapIndex
 from panoloc.core.map.starts import Starts, grid_starts, octree_starts
 from panoloc.core.options import IndexOptions
-from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud, point_spacing
+from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
 from panoloc.core.render.synthetic_view import RENDER_BATCH, render_views
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.voxel_thinning import thin_to_spacing
@@ -62,22 +61,23 @@ def build_map_index(
     rendered = make_render_cloud(positions, colors, spacing)
     described = config.descriptors
 
-    def render(part: Tensor) -> tuple[RenderedViews, Tensor]:
-        """Return the views from centers (B, 3), and in which pixels (B, H, W) a point falls."""
-        return views_to_describe(rendered, part, described.view_height, labels is not None)
+    solid = pixel_solid_angles(described.view_height, 2 * described.view_height, device)
 
-    sample = [
-        render(part)[0] for part in torch.split(centers[:: max(1, len(centers) // described.basis_views)], RENDER_BATCH)
-    ]
-    together = RenderedViews(*(torch.cat([getattr(p, f.name) for p in sample]) for f in fields(RenderedViews)))
-    collector = ViewCollector(described, labels is not None, together)
+    def render(part: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return colours and weights of the views from centers (B, 3), and in which pixels (B, H, W) a point falls."""
+        views = render_views(rendered, part, described.view_height)
+        return views.color, views.valid * solid, views.point >= 0
+
+    sample = map(render, torch.split(centers[:: max(1, len(centers) // described.basis_views)], RENDER_BATCH))
+    color, weights, _ = (torch.cat(each) for each in zip(*sample, strict=True))
+    collector = ViewCollector(described, labels is not None, color, weights)
     coverage, sampled_shares = [], []
     for first in range(0, len(centers), RENDER_BATCH):
         report("rendering starts", first / len(centers))
-        views, sampled = render(centers[first : first + RENDER_BATCH])
-        collector.add(views)
-        coverage.append(views.weights.sum((1, 2)) / (4 * math.pi))
-        sampled_shares.append((sampled * views.weights).sum((1, 2)) / (4 * math.pi))
+        color, weights, sampled = render(centers[first : first + RENDER_BATCH])
+        collector.add(color, weights)
+        coverage.append(weights.sum((1, 2)) / (4 * math.pi))
+        sampled_shares.append((sampled * weights).sum((1, 2)) / (4 * math.pi))
     covered = torch.cat(coverage)
     # The others do not see enough to lie inside the scanned space.
     keep = (covered >= config.starts.min_coverage_share * covered.max()).nonzero()[:, 0]
@@ -98,17 +98,6 @@ def build_map_index(
         labels=labels,
         num_points_read=cloud.num_points_read or len(cloud),
     )
-
-
-def views_to_describe(
-    cloud: RenderCloud, centers: Tensor, height: int, is_labels: bool
-) -> tuple[RenderedViews, Tensor]:
-    """Return the views from `centers` (B, 3), of `height` rows, and in which pixels (B, H, W) a point falls."""
-    views = render_views(cloud, centers, height)
-    weights = views.valid * pixel_solid_angles(height, 2 * height, centers.device)
-    flat = views.color.flatten(1, 2)
-    canonical = flat if is_labels else equalize(flat, weights.flatten(1))
-    return RenderedViews(views.color, canonical, views.valid, weights), views.point >= 0
 
 
 def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> Starts:

@@ -19,12 +19,8 @@ _FEW_POINTS = 1000
 _SAME_COLOR_SHARE = 0.95
 
 
-def map_diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) -> tuple[Diagnostic, ...]:
-    """Return what the operator should know about `index`, which was built with `options` from that many points."""
-    return tuple(_diagnostics(index, options, num_points_given))
-
-
-def _diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) -> Iterator[Diagnostic]:
+def map_diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) -> Iterator[Diagnostic]:
+    """Yield what the operator should know about `index`, which was built with `options` from that many points."""
     if index.num_points < num_points_given:
         message = (
             f"{num_points_given:,} points became {index.num_points:,}: those closer together than about "

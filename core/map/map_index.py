@@ -24,7 +24,7 @@ class MapIndex:
 
     positions: (N, 3) float32 metres relative to `origin_offset`. colors: (N, 3) uint8 as scanned.
     origin_offset: (3,) float64. spacing: metres between points.
-    starts: (T, 3) float32 metres relative to `origin_offset`. leaf_sizes: (T,) float32 metres.
+    starts: (T, 3) float32 metres relative to `origin_offset`. leaf_sizes: (T,) float32 metres, edges of the octree's leaves.
     views: what is kept of the T synthetic views. sampled_shares: (T,) float32, share of the sphere in whose pixels of such a view a point
     falls. aliases: which of the starts look the same. labels: codes when the colours are semantic labels, else None. num_points_read:
     points in the scan file.
@@ -55,24 +55,14 @@ class MapIndex:
     @property
     def num_bytes(self) -> int:
         """Return the memory of all arrays in bytes, those included that the first query adds."""
-        tensors = [getattr(self, f.name) for f in fields(self)]
-        tensors += [self.aliases.starts, self.aliases.turns]
-        rendered = _RENDERED_BYTES * self.num_points  # what `render_cloud` adds with the first query
-        return (
-            rendered
-            + self.views.num_bytes
-            + sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
-        )
+        parts = [*(getattr(self, f.name) for f in fields(self)), self.aliases.starts, self.aliases.turns]
+        held = sum(part.numel() * part.element_size() for part in parts if isinstance(part, Tensor))
+        return held + self.views.num_bytes + _RENDERED_BYTES * self.num_points
 
     @property
     def start_positions(self) -> NDArray[np.float64]:
         """Return the starts (T, 3) in the scan's own frame."""
         return self.starts.cpu().numpy().astype(np.float64) + self.origin_offset
-
-    @property
-    def start_leaf_sizes(self) -> NDArray[np.float64]:
-        """Return the edge lengths (T,) of the octree leaves, metres."""
-        return self.leaf_sizes.cpu().numpy().astype(np.float64)
 
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -105,8 +95,5 @@ class MapIndex:
 
     def to(self, device: torch.device | str) -> "MapIndex":
         """Return the index with its arrays on `device`."""
-        moved = {
-            f.name: getattr(self, f.name).to(device) for f in fields(self) if isinstance(getattr(self, f.name), Tensor)
-        }
-        labels = None if self.labels is None else self.labels.to(device)
-        return replace(self, **moved, views=self.views.to(device), aliases=self.aliases.to(device), labels=labels)
+        parts = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{name: part.to(device) for name, part in parts.items() if hasattr(part, "to")})

@@ -48,27 +48,19 @@ class RetrievalVectors:
         return sum(part.numel() * part.element_size() for part in (self.steps, self.scale, self.axes))
 
 
-@dataclass(frozen=True)
-class RetrievalBasis:
-    """Directions (B, D) of descriptors that all maps share, and how far views spread along each (D,)."""
-
-    directions: Tensor
-    spread: Tensor
-
-
 @lru_cache(maxsize=1)
-def retrieval_basis() -> RetrievalBasis:
-    """Read the fitted directions that ship with the package."""
+def retrieval_basis() -> tuple[Tensor, Tensor]:
+    """Read the fitted directions (B, D) of descriptors that all maps share, and how far views spread along each (D,)."""
     with resources.files("panoloc.core.map").joinpath("retrieval_basis.npz").open("rb") as file, np.load(file) as found:
         directions, variance = (torch.from_numpy(found[name].astype(np.float32)) for name in ("directions", "variance"))
     whitening = (variance / variance[0]) ** -_WHITENING
-    return RetrievalBasis(directions * whitening, variance * whitening.square())
+    return directions * whitening, variance * whitening.square()
 
 
 def retrieval_vectors(index: MapIndex) -> RetrievalVectors:
     """Return the vectors of all starts of a map; of none for a map of labels, which shares no colours with others."""
-    basis, device, axes = retrieval_basis(), index.starts.device, index.wall_axes.cpu()
-    directions, spread = basis.directions.to(device), basis.spread.to(device)
+    device, axes = index.starts.device, index.wall_axes.cpu()
+    directions, spread = (part.to(device) for part in retrieval_basis())
     described = index.views.descriptors(HALVINGS)
     if index.labels is not None:
         size = described.values.shape[1] * directions.shape[1]

@@ -6,7 +6,7 @@ Paper: §3.2 (B bins per channel per patch). Everything the `paper` method's sea
 import torch
 from torch import Tensor
 
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 
 
 def hard_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: int, bins: int) -> Tensor:

@@ -13,7 +13,7 @@ from torch import Tensor
 from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.geometry.rotations import rotation_spacing, uniform_rotations
 from panoloc.core.image.photo_window import rig_on_sphere

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import PaperConfig
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.geometry.projection import project, sample_bilinear
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.paper.score_maps import sample_patch_map

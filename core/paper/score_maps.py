@@ -6,7 +6,7 @@ Paper: §3.2, Eq. 2 (2D) and Eq. 3 (3D). Both are reductions of the intersection
 import torch
 from torch import Tensor
 
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 
 
 def score_map_2d(tensor: Tensor, table: Tensor) -> Tensor:

@@ -11,8 +11,7 @@ from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.features.canonical import CanonicalColors
-from panoloc.core.features.line_support import LineSupport
-from panoloc.core.features.photo_edges import Edges, edges_of_photos
+from panoloc.core.features.line_support import Edges, LineSupport, edges_of_photos
 from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.image.photo_window import shown_share
 from panoloc.core.image.rig_pyramid import RigPyramid

@@ -11,8 +11,7 @@ from panoloc.core.config import DescriptorConfig
 from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.patch_descriptors import DescribedPatches, centered_roots, pooled
-from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.features.patch_histograms import soft_histograms
+from panoloc.core.features.patch_histograms import PatchGrid, soft_histograms
 from panoloc.core.image.rig_pyramid import RigPyramid
 
 _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much

@@ -32,7 +32,7 @@ def scores_of_maps(
 
     lines: of the edges of the images; None where these say little. max_tilt: of the rig, radians; None for any.
     """
-    basis = retrieval_basis().directions.to(maps[0].steps.device)
+    basis = retrieval_basis()[0].to(maps[0].steps.device)
     patches = rig.patches(basis, HALVINGS)
     rotations = _rotations(lines, str(basis.device), max_tilt, config)
     quarter = math.pi / 2

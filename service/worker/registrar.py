@@ -215,7 +215,7 @@ def _starts(index: MapIndex) -> list[dict[str, Any]]:
     """Return position and leaf size of every start, metres, in the scan's own frame."""
     return [
         {"position_m": position, "leaf_size_m": size}
-        for position, size in zip(index.start_positions.tolist(), index.start_leaf_sizes.tolist(), strict=True)
+        for position, size in zip(index.start_positions.tolist(), index.leaf_sizes.tolist(), strict=True)
     ]
 
 

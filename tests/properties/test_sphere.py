@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.geometry.projection import project
 from tests.properties.strategies import Array, vectors
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from panoloc.core.config import CONTRAST, PaperConfig, StepConfig
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.image.level import SampledPoints
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from panoloc.core.refine.patches import PatchSums

@@ -6,8 +6,7 @@ import torch
 
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
-from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.features.patch_histograms import soft_histograms
+from panoloc.core.features.patch_histograms import PatchGrid, soft_histograms
 from panoloc.core.geometry.rotations import rotation_from_vector, uniform_rotations
 from panoloc.core.paper.intersection import bin_major, hard_histograms, intersection_tensor, rotation_table
 from panoloc.core.paper.paper_method import score_poses

@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from panoloc.core.features.photo_edges import Edges
+from panoloc.core.features.line_support import Edges
 from panoloc.core.geometry.rotations import even_directions, rotation_from_vector
 
 

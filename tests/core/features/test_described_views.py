@@ -6,49 +6,46 @@ import pytest
 import torch
 
 from panoloc.core.config import DescriptorConfig
-from panoloc.core.features.described_views import DescribedViews, RenderedViews, ViewCollector, described_histograms
-from panoloc.core.features.equalization import equalize
+from panoloc.core.features.described_views import DescribedViews, ViewCollector, described_histograms
 from panoloc.core.features.patch_descriptors import centered_roots, principal_basis
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.geometry.projection import pixel_solid_angles
 
 CONFIG = DescriptorConfig(view_height=32, bins=4, size=6, steps=31)
 GRID, HEIGHT, WIDTH = PatchGrid(8, 16), 32, 64
 
 
-def rendered(count: int, seed: int, labels: bool = False) -> RenderedViews:
-    """Return views of random colours, a part of each without any."""
+def rendered(count: int, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return colours and weights of views of random colours, a part of each without any."""
     random = torch.Generator().manual_seed(seed)
     color = torch.rand((count, HEIGHT, WIDTH, 3), generator=random)
     patches = torch.rand((count, HEIGHT // 4, WIDTH // 4), generator=random) > 0.2
     quarters = torch.rand((count, HEIGHT // 2, WIDTH // 2), generator=random) > 0.4
     valid = patches.repeat_interleave(4, 1).repeat_interleave(4, 2)
     valid &= quarters.repeat_interleave(2, 1).repeat_interleave(2, 2)
-    weights = valid * pixel_solid_angles(HEIGHT, WIDTH)
-    flat = color.flatten(1, 2)
-    return RenderedViews(color, flat if labels else equalize(flat, weights.flatten(1)), valid, weights)
+    return color, valid * pixel_solid_angles(HEIGHT, WIDTH)
 
 
-def roots_of(views: RenderedViews, labels: bool) -> tuple[torch.Tensor, torch.Tensor]:
-    histograms = described_histograms(views, GRID, CONFIG.bins, labels)
+def roots_of(views: tuple[torch.Tensor, torch.Tensor], labels: bool) -> tuple[torch.Tensor, torch.Tensor]:
+    histograms = described_histograms(*views, GRID, CONFIG.bins, labels)
     return centered_roots(histograms, GRID.solid_angles())
 
 
 def collected(keep: list[int], labels: bool = False) -> DescribedViews:
-    collector = ViewCollector(CONFIG, labels, rendered(3, 0, labels))
+    collector = ViewCollector(CONFIG, labels, *rendered(3, 0))
     for seed in (1, 2):
-        collector.add(rendered(3, seed, labels))
+        collector.add(*rendered(3, seed))
     return collector.collected(torch.tensor(keep))
 
 
 @pytest.mark.parametrize("labels", [False, True])
 def test_descriptors_are_those_of_the_views_but_for_half_a_step(labels: bool) -> None:
     found = collected([0, 2, 4], labels)
-    basis = principal_basis(roots_of(rendered(3, 0, labels), labels)[0], 6)
+    basis = principal_basis(roots_of(rendered(3, 0), labels)[0], 6)
     torch.testing.assert_close(found.basis, basis)
     read = found.descriptors()
     for row, (seed, number) in enumerate(((1, 0), (1, 2), (2, 1))):
-        roots, weights = roots_of(rendered(3, seed, labels), labels)
+        roots, weights = roots_of(rendered(3, seed), labels)
         exact = roots[number] @ basis
         largest = float(exact.abs().max())
         assert float((read.values[row] - exact).abs().max()) <= largest / 62 + 1e-6
@@ -98,10 +95,10 @@ def test_the_memory_of_views_is_that_of_what_they_hold_once_they_were_searched()
 
 
 def test_pictures_average_what_was_seen_and_leave_out_what_was_not() -> None:
-    views = rendered(3, 1)
+    shown, weights = rendered(3, 1)
     found = collected([0, 1, 2])
-    half = views.valid.view(3, 16, 2, 32, 2).float()
-    color = (views.color * views.valid[..., None]).view(3, 16, 2, 32, 2, 3)
+    half = (weights > 0).view(3, 16, 2, 32, 2).float()
+    color = (shown * (weights > 0)[..., None]).view(3, 16, 2, 32, 2, 3)
     seen = half.mean((2, 4)) >= 0.5
     assert 0 < int(seen.sum()) < seen.numel()
     assert torch.equal(found.seen, seen)

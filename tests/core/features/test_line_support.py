@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import LineConfig
-from panoloc.core.features.line_support import LineSupport
-from panoloc.core.features.photo_edges import Edges
+from panoloc.core.features.line_support import Edges, LineSupport
 from panoloc.core.geometry.rotations import (
     rotation_angle,
     rotation_from_vector,

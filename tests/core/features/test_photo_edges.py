@@ -10,7 +10,7 @@ from torch import Tensor
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.config import JudgeConfig, LineConfig
-from panoloc.core.features.photo_edges import Edges, edges_of_photos
+from panoloc.core.features.line_support import Edges, edges_of_photos
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.rig_pyramid import RigPyramid
 from tests.core.image.painted_photos import pinhole_rays
@@ -47,7 +47,7 @@ def angles_deg(normals: Tensor, wanted: NDArray[np.float64]) -> NDArray[np.float
 
 def test_an_edge_is_the_plane_through_the_lens_and_the_edge() -> None:
     edges = edges_of(photo(halves()))
-    assert edges.count > 25
+    assert len(edges.normals) > 25
     assert np.percentile(angles_deg(edges.normals, NORMAL), 90) < 2.5
     off = np.degrees(np.arcsin(np.abs(edges.directions.double().numpy() @ NORMAL).clip(0, 1)))
     assert np.percentile(off, 90) < 1.0  # and they lie on it
@@ -78,13 +78,13 @@ def test_the_border_of_what_is_valid_is_no_edge() -> None:
     color, valid = halves(), np.ones((360, 480), bool)
     valid[:, :200] = False
     edges = edges_of(photo(color * valid, valid))
-    assert edges.count > 25
+    assert len(edges.normals) > 25
     assert np.percentile(angles_deg(edges.normals, NORMAL), 95) < 3.0
 
 
 @pytest.mark.parametrize("brightness", [0.0, 0.5, 1.0])
 def test_a_photo_of_one_color_has_no_edges(brightness: float) -> None:
-    assert edges_of(photo(np.full((360, 480), brightness))).count == 0
+    assert len(edges_of(photo(np.full((360, 480), brightness))).normals) == 0
 
 
 def test_edges_are_as_long_as_they_are_in_the_photo() -> None:
@@ -108,4 +108,4 @@ def test_edges_are_taken_from_everywhere() -> None:
     here = Pose(np.eye(3), np.zeros(3))
     found = edges_of_photos(RigPyramid(Rig((RigImage(photo(image), here),)), 512, None, "cpu"), CONFIG)
     step = angles_deg(found.normals, NORMAL) < 3
-    assert int(step.sum()) > found.count / 20
+    assert int(step.sum()) > len(found.normals) / 20

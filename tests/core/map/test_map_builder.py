@@ -8,10 +8,9 @@ import pytest
 import torch
 
 from panoloc.core.config import DescriptorConfig, IndexConfig, StartsConfig
-from panoloc.core.features.described_views import RenderedViews, described_histograms
-from panoloc.core.features.equalization import equalize
+from panoloc.core.features.described_views import described_histograms
 from panoloc.core.features.patch_descriptors import centered_roots, principal_basis
-from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
@@ -48,11 +47,7 @@ def described_one_by_one(index: MapIndex) -> tuple[list[torch.Tensor], list[floa
     for x, y, z in itertools.product(1.5 + np.arange(8), (1.5, 2.5), (0.875, 1.625)):
         views = render_views(index.render_cloud, torch.tensor([[x, y, z]]).float(), HEIGHT)
         weights = views.valid * solid
-        is_labels = index.labels is not None
-        flat = views.color.flatten(1, 2)
-        canonical = flat if is_labels else equalize(flat, weights.flatten(1))
-        seen = RenderedViews(views.color, canonical, views.valid, weights)
-        made = described_histograms(seen, PatchGrid(4, 8), 4, is_labels)
+        made = described_histograms(views.color, weights, PatchGrid(4, 8), 4, index.labels is not None)
         histograms.append(made[0])
         coverage.append(float(weights.sum() / solid.sum()))
         sampled.append(float(((views.point[0] >= 0) * solid).sum() / solid.sum()))

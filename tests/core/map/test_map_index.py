@@ -26,12 +26,12 @@ class WithdrawnError(Exception):
 def test_an_index_describes_its_scan_and_nothing_is_doubtful_about_it() -> None:
     index = map_of(BOX)
     assert index.num_points == index.num_points_read == 24_000
-    assert index.num_starts == len(index.start_positions) == len(index.start_leaf_sizes)
+    assert index.num_starts == len(index.start_positions) == len(index.leaf_sizes)
     np.testing.assert_allclose(index.bounds, [(0, 0, 0), BOX.size_m], atol=0.02)
     assert 0.02 < index.spacing < 0.1
     assert index.labels is None
-    assert (index.start_leaf_sizes > 0).all()
-    assert map_diagnostics(index, IndexOptions(), index.num_points) == ()
+    assert bool((index.leaf_sizes > 0).all())
+    assert list(map_diagnostics(index, IndexOptions(), index.num_points)) == []
 
 
 def test_an_index_keeps_every_point_with_its_own_colour() -> None:

@@ -56,8 +56,7 @@ def test_places_are_told_in_the_scan_s_own_frame() -> None:
     np.testing.assert_array_equal(lower, OFFSET)
     np.testing.assert_array_equal(upper, OFFSET + np.array([4, 3, 2]))
     np.testing.assert_array_equal(index.start_positions, OFFSET + made().starts.numpy())
-    np.testing.assert_array_equal(index.start_leaf_sizes, [0.5, 0.25, 0.125])
-    assert {each.dtype for each in (lower, upper, index.start_positions, index.start_leaf_sizes)} == {np.dtype("f8")}
+    assert {each.dtype for each in (lower, upper, index.start_positions)} == {np.dtype("f8")}
 
 
 def test_the_memory_of_an_index_is_that_of_its_arrays_and_of_what_a_query_adds() -> None:

@@ -12,8 +12,7 @@ from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.patch_descriptors import centered_roots, patch_scores
-from panoloc.core.features.patch_grid import PatchGrid
-from panoloc.core.features.patch_histograms import soft_histograms
+from panoloc.core.features.patch_histograms import PatchGrid, soft_histograms
 from panoloc.core.geometry.rotations import uniform_rotations
 from panoloc.core.image.label_codes import label_codes
 from panoloc.core.image.rig_pyramid import RigPyramid
