@@ -13,9 +13,8 @@ CameraModel = Literal["equirectangular", "pinhole", "opencv", "opencv_fisheye", 
 CAMERA_MODELS: tuple[CameraModel, ...] = get_args(CameraModel)
 
 _MAX_SIDE_PX = 65_535
-_MAX_ASPECT_ERROR = (
-    0.01  # between an upload and the image that the intrinsics belong to: a row more or less of a small copy
-)
+# Between an upload and the image that the intrinsics belong to: a row more or less of a small copy.
+_MAX_ASPECT_ERROR = 0.01
 MAX_HFOV_DEG = {"pinhole": 170.0, "opencv": 170.0}
 """Degrees across that a model can show, 360 where it is not named; a pinhole's image would be infinite at 180."""
 _MOST_FOCAL_LENGTHS = 2 * math.tan(math.radians(MAX_HFOV_DEG["pinhole"] / 2)) * 1.001  # that a pinhole's image is wide

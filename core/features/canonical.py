@@ -6,7 +6,7 @@ from torch import Tensor
 from panoloc.core.config import CONTRAST
 from panoloc.core.features.equalization import apply_tables, equalization_tables
 from panoloc.core.features.local_contrast import enlarged, mean_around, weights_between
-from panoloc.core.image.level import Level
+from panoloc.core.image.level import BORDER, Level
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
 from panoloc.core.kernels.library import call, has_kernels_for
 
@@ -73,7 +73,8 @@ class CanonicalColors:
         pixels = (torch.empty if is_whole else torch.zeros)((*windows.shape, 4))
         planes = windows.color, windows.valid, *windows.shape
         rules = tables, CONTRAST.darkest, CONTRAST.scale, float(contrast_share)
-        for mean, place, first in zip(self._surroundings(), windows.places, windows.firsts, strict=True):
+        for mean, place, top in zip(self._surroundings(), windows.places, windows.tops, strict=False):
+            first = (top + BORDER) * windows.shape[1] + BORDER
             around = mean, *mean.shape[1:], int(place.is_round)
             call("mixed_colors", *planes, first, place.height, place.width, *around, *rules, pixels)
         return pixels.permute(2, 0, 1)

@@ -17,7 +17,6 @@ from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.features.patch_descriptors import (
     ViewDescriptors,
     centered_roots,
-    described,
     pooled,
     principal_basis,
     spreads_of,
@@ -110,7 +109,7 @@ class ViewCollector:
     def add(self, color: Tensor, weights: Tensor) -> None:
         """Describe a batch: color (B, H, W, 3) in 0..1 and weights (B, H, W), solid angles, zero where nothing was seen."""
         histograms = described_histograms(color, weights, self._grid, self._config.bins, self._is_labels)
-        values, shares = described(histograms, self._solid_angles, self._basis)
+        values, shares = centered_roots(histograms, self._solid_angles, self._basis)
         scale = values.abs().amax((1, 2)).clamp_min(1e-9) / self._config.steps
         steps = (values / scale[:, None, None]).round().to(torch.int8)
         pictures, seen = small_pictures(color, weights > 0, self._config.picture_height)

@@ -51,30 +51,18 @@ def spreads_of(values: Tensor, weights: Tensor) -> Tensor:
     return (values * weights[..., None]).mT @ values
 
 
-def centered_roots(histograms: Tensor, solid_angles: Tensor) -> tuple[Tensor, Tensor]:
-    """Return square roots (V, P, bins³) centred per view over valid patches, and the patches' weights (V, P), summing to one."""
-    weights = _weights(histograms, solid_angles)
-    return _centered(histograms.clamp_min(_LEAST).sqrt_(), weights), weights
+def centered_roots(histograms: Tensor, solid_angles: Tensor, basis: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Return square roots (V, P, bins³) centred per view over valid patches, and the patches' weights (V, P), summing to one.
 
-
-def described(histograms: Tensor, solid_angles: Tensor, basis: Tensor) -> tuple[Tensor, Tensor]:
-    """Return centred roots along `basis` (bins³, D), (V, P, D), and the patches' weights (V, P), summing to one.
-
-    As `centered_roots(...)[0] @ basis`, in a third of the time: what is centred afterwards is a thirtieth as large. The histograms are used
-    up: their roots take their place.
+    basis: (bins³, D); roots along it alone, (V, P, D), take a third of the time, for what is centred afterwards is a thirtieth as large.
+    The histograms are used up: their roots take their place.
     """
-    weights = _weights(histograms, solid_angles)
-    return _centered(histograms.clamp_min_(_LEAST).sqrt_() @ basis, weights), weights
-
-
-def _weights(histograms: Tensor, solid_angles: Tensor) -> Tensor:
     weights = solid_angles * (histograms.sum(-1) > 0)
-    return weights / weights.sum(-1, keepdim=True).clamp_min(1e-12)
-
-
-def _centered(values: Tensor, weights: Tensor) -> Tensor:
+    weights = weights / weights.sum(-1, keepdim=True).clamp_min(1e-12)
+    roots = histograms.clamp_min_(_LEAST).sqrt_()
+    values = roots if basis is None else roots @ basis
     mean = (values * weights[..., None]).sum(1, keepdim=True)
-    return (values - mean) * (weights > 0)[..., None]
+    return (values - mean) * (weights > 0)[..., None], weights
 
 
 def principal_basis(roots: Tensor, size: int) -> Tensor:

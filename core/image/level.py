@@ -113,9 +113,11 @@ class Level:
         in_rig = torch.baddbmm(-(inverse @ positions[..., None]), inverse, points)
         cameras = None if images is None else self._cameras(images)
         in_camera = self._to_camera(in_rig, cameras)
-        # A longer focal length spreads what is beside the optical axis.
-        spread = None if log_focals is None else spread_by(log_focals)
-        if spread is not None:
+        spread = None
+        if log_focals is not None:
+            # A longer focal length spreads what is beside the optical axis.
+            factors = log_focals.exp()
+            spread = torch.stack((torch.ones_like(factors), factors, factors), 1)
             in_camera = in_camera * spread[..., None]
         x, y, z = in_camera.unbind(1)
         flat_square = torch.addcmul(x.square(), y, y)
@@ -163,12 +165,6 @@ class Level:
             return self.rotations[0] @ vectors
         rows = cameras[:9].view(3, 3, *cameras.shape[1:])[:, :, :, None]
         return torch.stack([_sum_of_products(row, vectors.unbind(2)) for row in rows], dim=2)
-
-
-def spread_by(log_focals: Tensor) -> Tensor:
-    """Return by how much a longer focal length, logarithms of factors (K,), spreads a camera's x, y and z (K, 3)."""
-    factors = log_focals.exp()
-    return torch.stack((torch.ones_like(factors), factors, factors), 1)
 
 
 def _sum_of_products(first: Tensor, second: tuple[Tensor, ...]) -> Tensor:

@@ -50,11 +50,13 @@ class Window:
 class Windows:
     """All images of a rig at `rows` to a sphere, packed below each other with a border of `BORDER` pixels around each.
 
-    Packed planes are (..., H, W). color: (3, H, W), valid: (H, W). tops: the first row of each window, border included.
+    Packed planes are (..., H, W). color: (3, H, W), valid: (H, W). places: of the windows on the sphere. tops: the first row of each
+    window, border included, and that after the last.
     """
 
     def __init__(self, windows: list[Window], rotations: Tensor, centers: Tensor) -> None:
         self.each, self.rows, self._rotations, self._centers = windows, windows[0].place.rows, rotations, centers
+        self.places = [window.place for window in windows]
         self.tops = np.cumsum([0, *(len(w.valid) + 2 * BORDER for w in windows)]).tolist()
         self.shape = self.tops[-1], max(w.valid.shape[1] for w in windows) + 2 * BORDER
         self.color = self.packed([w.color * w.valid for w in windows])
@@ -72,16 +74,6 @@ class Windows:
         sizes = (w.valid.shape for w in self.each)
         firsts = (top + BORDER for top in self.tops)
         return [packed[..., y : y + h, BORDER : BORDER + w] for (h, w), y in zip(sizes, firsts, strict=False)]
-
-    @property
-    def places(self) -> list[SphereWindow]:
-        """Return where on the sphere each window lies."""
-        return [window.place for window in self.each]
-
-    @property
-    def firsts(self) -> list[int]:
-        """Return the number, among all pixels of a packed plane, of the first pixel of each window."""
-        return [(top + BORDER) * self.shape[1] + BORDER for top in self.tops[:-1]]
 
     @cached_property
     def solid_angles(self) -> Tensor:

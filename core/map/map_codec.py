@@ -31,11 +31,13 @@ _DAMAGE = (LookupError, ValueError, TypeError, RuntimeError, OverflowError, Attr
 
 def encode_map_index(index: MapIndex) -> bytes:
     """Return the index as bytes, 7 MB for a room of 400 starts."""
-    lower, step, positions = _quantize_positions(index.positions, index.spacing)
-    views = index.views
+    points = index.positions.detach().cpu().numpy()
+    # One step for all axes keeps angles.
+    lower, step = points.min(axis=0), max(index.spacing / _STEPS_PER_SPACING, 1e-9)
+    views, levels = index.views, _color_levels(index.labels)
     arrays = {
-        "positions": pack_steps(positions),
-        "colors": row_differences(pack_colors(_bytes(index.colors), _color_levels(index.labels))),
+        "positions": pack_steps(np.round((points - lower) / step).astype(np.int64)),
+        "colors": pack_colors(_array(index.colors), levels),
         "starts": _array(index.starts),
         "leaf_sizes": _array(index.leaf_sizes),
         "sampled_shares": _array(index.sampled_shares),
@@ -45,7 +47,7 @@ def encode_map_index(index: MapIndex) -> bytes:
         "descriptor_scale": _array(views.scale),
         "basis": _array(views.basis),
         "patch_weights": _array(views.weights),
-        "pictures": row_differences(pack_colors(_bytes(views.pictures), _color_levels(index.labels))),
+        "pictures": pack_colors(_array(views.pictures), levels),
         "pictures_seen": np.packbits(_array(views.seen).astype(np.bool_), axis=-1),
     }
     if index.labels is not None:
@@ -107,9 +109,10 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
         steps = unpack_steps(packed["positions"]).astype(np.float32)
         positions = torch.from_numpy(steps * float(header["step"]) + np.asarray(header["lower"], np.float32))
     labels = LabelCodes(tensors["labels"], tensors["label_codes"]) if "labels" in tensors else None
+    levels = _color_levels(labels)
     return MapIndex(
         positions=positions.contiguous(),
-        colors=torch.from_numpy(unpack_colors(row_sums(packed["colors"]), _color_levels(labels))),
+        colors=torch.from_numpy(unpack_colors(packed["colors"], levels)),
         origin_offset=np.asarray(header["origin_offset"], np.float64),
         spacing=float(header["spacing"]),
         starts=tensors["starts"],
@@ -123,7 +126,7 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
             tensors["descriptor_scale"],
             tensors["basis"],
             tensors["patch_weights"],
-            torch.from_numpy(unpack_colors(row_sums(packed["pictures"]), _color_levels(labels))),
+            torch.from_numpy(unpack_colors(packed["pictures"], levels)),
             torch.from_numpy(np.unpackbits(packed["pictures_seen"], axis=-1).astype(np.bool_)),
         ),
     )
@@ -157,24 +160,12 @@ def _check_fit(index: MapIndex) -> None:
         raise ValueError(f"expected points and starts, got {points} and {starts}")
 
 
-def _quantize_positions(positions: Tensor, spacing: float) -> tuple[NDArray[np.float32], float, NDArray[np.int64]]:
-    """Return the lower bound (3,), the step in metres and whole steps (N, 3); one step for all axes keeps angles."""
-    points = positions.detach().cpu().numpy()
-    lower = points.min(axis=0)
-    step = max(spacing / _STEPS_PER_SPACING, 1e-9)
-    return lower, step, np.round((points - lower) / step).astype(np.int64)
-
-
 def _color_levels(labels: LabelCodes | None) -> int:
     """Return how many steps a channel of the points' colours keeps: all where they are codes."""
     return _COLOR_LEVELS if labels is None else 256
 
 
-def _bytes(tensor: Tensor) -> Bytes:
-    return np.asarray(tensor.detach().cpu().numpy(), np.uint8)
-
-
-def _array(tensor: Tensor) -> NDArray[np.generic]:
+def _array(tensor: Tensor) -> NDArray[Any]:
     return np.ascontiguousarray(tensor.detach().cpu().numpy())
 
 
@@ -201,24 +192,17 @@ def unpack_steps(planes: Bytes) -> NDArray[np.int64]:
 
 
 def pack_colors(colors: Bytes, levels: int) -> Bytes:
-    """Return colours (..., 3) as planes (3, ...) of `levels` steps: green, and how far red and blue are from it (modulo 256)."""
+    """Return colours (..., N, 3) as planes (3, ..., N) of `levels` steps: green, and how far red and blue are from it.
+
+    Of each number how it differs from the one before it, modulo 256.
+    """
     red, green, blue = np.moveaxis((colors.astype(np.uint16) * (levels - 1) + 127) // 255, -1, 0).astype(np.uint8)
-    return np.stack((green, red - green, blue - green))
+    return np.diff(np.stack((green, red - green, blue - green)), axis=-1, prepend=np.uint8(0))
 
 
 def unpack_colors(planes: Bytes, levels: int) -> Bytes:
     """Undo `pack_colors` but for the rounding."""
-    green, red, blue = planes
+    green, red, blue = np.cumsum(planes, axis=-1, dtype=np.uint8)
     table = np.zeros(256, np.uint8)
     table[:levels] = (np.arange(levels) * 255 + (levels - 1) // 2) // (levels - 1)
     return np.ascontiguousarray(np.moveaxis(table[np.stack((red + green, green, blue + green))], 0, -1))
-
-
-def row_differences(planes: Bytes) -> Bytes:
-    """Return how each byte of (..., N) differs from the one before it, modulo 256."""
-    return np.diff(planes, axis=-1, prepend=np.uint8(0))
-
-
-def row_sums(differences: Bytes) -> Bytes:
-    """Undo `row_differences`."""
-    return np.cumsum(differences, axis=-1, dtype=np.uint8)

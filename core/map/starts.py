@@ -31,10 +31,6 @@ class Starts:
     def __len__(self) -> int:
         return len(self.positions)
 
-    def take(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> "Starts":
-        """Return the chosen starts, by mask or by number."""
-        return Starts(self.positions[keep], self.leaf_sizes[keep])
-
 
 def octree_starts(
     positions: NDArray[np.float32], config: StartsConfig, region: tuple[FloatArray, FloatArray] | None = None
@@ -140,4 +136,4 @@ def _thin(starts: Starts, distance: float) -> Starts:
             continue
         kept.append(i)
         buckets.setdefault((x, y, z), []).append(i)
-    return starts.take(order[np.array(kept, dtype=np.int64)])
+    return Starts(points[kept], starts.leaf_sizes[order][kept])

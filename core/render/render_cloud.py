@@ -85,22 +85,15 @@ class ViewParts:
         return ViewParts(rotations, SphereWindow.of_sphere(rows), rotations[:, :0], centers.new_empty(0))
 
 
-@dataclass(frozen=True)
-class DrawnPoints:
-    """The M points drawn into all views: number (M,), from N on for what fills up the last run; relative (3, M), metres, where each lies
-    from its view; u and v (M,), pixel coordinates on the whole sphere; pixel (M,), of its window, over all views; spacing (M,), metres,
-    that they are left with."""
+def drawn_points(
+    cloud: RenderCloud, centers: Tensor, parts: ViewParts
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Choose the points of each view. A block is thinned by the largest power of two that leaves a point in every pixel.
 
-    number: Tensor
-    relative: Tensor
-    u: Tensor
-    v: Tensor
-    pixel: Tensor
-    spacing: Tensor
-
-
-def drawn_points(cloud: RenderCloud, centers: Tensor, parts: ViewParts) -> DrawnPoints:
-    """Choose the points of each view. A block is thinned by the largest power of two that leaves a point in every pixel."""
+    Returns of the M points drawn into all views: number (M,), from N on for what fills up the last run; where each lies from its view
+    (3, M), metres; u and v (M,), pixel coordinates on the whole sphere; pixel (M,), of its window, over all views; spacing (M,), metres,
+    that they are left with.
+    """
     window, is_partial = parts.window, len(parts.half_angles) > 0
     distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
     pixel_angle = math.pi / window.rows
@@ -122,10 +115,10 @@ def drawn_points(cloud: RenderCloud, centers: Tensor, parts: ViewParts) -> Drawn
     pixel, inside = window.pixels_at(u, v)
     pixel += view * (window.height * window.width)
     if window.is_whole:
-        return DrawnPoints(number, relative, u, v, pixel, spacing)
+        return number, relative, u, v, pixel, spacing
     inside = inside.nonzero()[:, 0]
     number, u, v, pixel, spacing = (part.index_select(0, inside) for part in (number, u, v, pixel, spacing))
-    return DrawnPoints(number, relative.index_select(1, inside), u, v, pixel, spacing)
+    return number, relative.index_select(1, inside), u, v, pixel, spacing
 
 
 def _blocks_within(cloud: RenderCloud, centers: Tensor, parts: ViewParts) -> Tensor:

@@ -59,25 +59,25 @@ def render_views(
     num_levels = max(1, int(math.log2(window.rows / 8)) + 1)  # the coarsest has at least 8 rows to a sphere
     shapes = [(len(centers), window.height >> k, window.width >> k) for k in range(num_levels)]
     offsets = np.cumsum([0, *map(math.prod, shapes)]).tolist()
-    drawn = drawn_points(cloud, centers, parts)
-    distance = drawn.relative.square().sum(0).sqrt()
-    cell = _cells_of(drawn.pixel, distance, drawn.spacing, offsets, window)
+    number, relative, u, v, pixel, spacing = drawn_points(cloud, centers, parts)
+    distance = relative.square().sum(0).sqrt()
+    cell = _cells_of(pixel, distance, spacing, offsets, window)
     nearest = torch.full((offsets[-1],), math.inf, device=distance.device)
     nearest.scatter_reduce_(0, cell, distance, "amin")
     depth = _compose_depth(_levels(nearest, shapes))
     limit = torch.add(
-        RENDERING.slack_spacings * drawn.spacing,
-        depth.flatten().index_select(0, drawn.pixel),
+        RENDERING.slack_spacings * spacing,
+        depth.flatten().index_select(0, pixel),
         alpha=1 + RENDERING.slack_share,
     )
     visible = (distance <= limit).nonzero()[:, 0]
-    shown = drawn.number.index_select(0, visible)
+    shown = number.index_select(0, visible)
     sums = torch.zeros((offsets[-1], cloud.colors.shape[1]), device=distance.device)
     sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
     color, valid = _compose_color(_levels(sums, shapes))
     if not with_points:
-        return SyntheticViews(color, depth, valid, drawn.number[:0], window, parts.rotations)
-    u, v, pixel = (part.index_select(0, visible) for part in (drawn.u, drawn.v, drawn.pixel))
+        return SyntheticViews(color, depth, valid, number[:0], window, parts.rotations)
+    u, v, pixel = (part.index_select(0, visible) for part in (u, v, pixel))
     # What fills up the last run lies where its last point does.
     number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), depth.numel())
     return SyntheticViews(color, depth, valid, number.view(depth.shape), window, parts.rotations)

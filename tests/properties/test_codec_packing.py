@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from panoloc.core.map.map_codec import pack_colors, pack_steps, row_differences, row_sums, unpack_colors, unpack_steps
+from panoloc.core.map.map_codec import pack_colors, pack_steps, unpack_colors, unpack_steps
 
 COLORS = arrays(np.uint8, array_shapes(min_dims=1, max_dims=2, max_side=9).map(lambda shape: (*shape, 3)))
 
@@ -30,11 +30,6 @@ def test_colors_come_back_within_half_a_step(levels: int, colors: np.ndarray) ->
 def test_rounding_twice_rounds_no_further(levels: int, colors: np.ndarray) -> None:
     once = unpack_colors(pack_colors(colors, levels), levels)
     np.testing.assert_array_equal(unpack_colors(pack_colors(once, levels), levels), once)
-
-
-@given(arrays(np.uint8, array_shapes(min_dims=1, max_dims=3, max_side=9)))
-def test_row_sums_undo_row_differences(planes: np.ndarray) -> None:
-    np.testing.assert_array_equal(row_sums(row_differences(planes)), planes)
 
 
 def test_neighbours_on_a_curve_take_one_plane() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.features.patch_descriptors import centered_roots, described, pooled, principal_basis
+from panoloc.core.features.patch_descriptors import centered_roots, pooled, principal_basis
 
 
 def test_a_scan_in_greys_whose_histograms_use_few_bins_has_its_directions() -> None:
@@ -41,8 +41,8 @@ def test_what_is_described_at_once_is_what_is_centred_first() -> None:
     histograms[1, 4:9] = 0  # patches that show nothing
     solid = torch.rand(32, generator=random) + 0.1
     basis, _ = torch.linalg.qr(torch.randn(64, 5, generator=random))
-    roots, expected = centered_roots(histograms, solid)
-    values, weights = described(histograms.clone(), solid, basis)
+    roots, expected = centered_roots(histograms.clone(), solid)
+    values, weights = centered_roots(histograms.clone(), solid, basis)
     torch.testing.assert_close(values, roots @ basis, atol=1e-6, rtol=0)
     torch.testing.assert_close(weights, expected)
     assert not values[1, 4:9].any()
