@@ -92,7 +92,7 @@ def _uploaded(given: dict[str, Any]) -> Panorama:
     description = None if camera is None else CameraDescription(**camera)
     # Its size was checked when it was localized.
     photo = read_image(Path(given["image"]).read_bytes(), camera=description, max_pixels=sys.maxsize)
-    sphere, _ = rig_on_sphere(Rig.of_photo(photo), _PHOTO_ROWS)
+    sphere = rig_on_sphere(Rig.of_photo(photo), _PHOTO_ROWS)
     return Panorama(sphere.color.copy(), sphere.valid)
 
 

@@ -15,7 +15,6 @@ from panoloc.core.camera.lens import project_to_image, share_with_direction
 from panoloc.core.camera.rig import Panorama, Photo, Rig
 from panoloc.core.config import CONTRAST, RefinementConfig
 from panoloc.core.errors import OptionsError, PanoramaUnusableError
-from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.sphere_window import SphereWindow
 from panoloc.core.kernels.library import call, has_kernels
 
@@ -29,8 +28,8 @@ FINEST_PX_PER_RAD = _LARGEST_STEP * FINEST_ROWS / math.pi
 """Focal length, in pixels, beyond which nothing of a photo is lost when it is made smaller."""
 
 
-def rig_on_sphere(rig: Rig, most_rows: int | None = None) -> tuple[Panorama, Pose]:
-    """Return one panorama of all images, as if all had been taken from one place, and session_from_panorama.
+def rig_on_sphere(rig: Rig, most_rows: int | None = None) -> Panorama:
+    """Return one panorama of all images, as if all had been taken from one place; `Rig.session_from_rig` is its pose.
 
     Its axes are those of the session, its place is the middle of the cameras; where images overlap, the one whose middle is nearest is
     shown. It has the rows of the finest image, or `most_rows`. For pictures, and for whatever needs no more.
@@ -44,7 +43,7 @@ def rig_on_sphere(rig: Rig, most_rows: int | None = None) -> tuple[Panorama, Pos
         and only.camera.is_whole_sphere
         and np.allclose(rig.images[0].session_from_camera.rotation, np.eye(3))
     ):
-        return Panorama(*_resized(only.color, only.valid, (2 * rows, rows)), only.left_out), rig.session_from_rig
+        return Panorama(*_resized(only.color, only.valid, (2 * rows, rows)), only.left_out)
     sphere = SphereWindow.of_sphere(rows).grid()
     color, valid = np.zeros(sphere.shape, np.uint8), np.zeros(sphere.shape[:2], np.bool_)
     best = np.full(valid.shape, -2.0)
@@ -53,7 +52,7 @@ def rig_on_sphere(rig: Rig, most_rows: int | None = None) -> tuple[Panorama, Pos
         found, seen = _image_towards(image.photo, directions, rows)
         better = seen & (directions[..., 0] > best)
         color[better], valid[better], best[better] = found[better], True, directions[..., 0][better]
-    return Panorama(color, valid, rig.left_out), rig.session_from_rig
+    return Panorama(color, valid, rig.left_out)
 
 
 def check_share(photo: Photo) -> None:

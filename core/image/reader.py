@@ -50,7 +50,7 @@ def read_panorama(
     max_pixels: int = MAX_PIXELS,
 ) -> Panorama:
     """Decode a panorama, or a photo onto the sphere; arguments and errors as of `read_image`."""
-    return rig_on_sphere(Rig.of_photo(read_image(data, mask, camera=camera, max_pixels=max_pixels)))[0]
+    return rig_on_sphere(Rig.of_photo(read_image(data, mask, camera=camera, max_pixels=max_pixels)))
 
 
 def read_image(

@@ -40,7 +40,7 @@ class PaperMethod:
     def run(self, rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
         """Return the refined candidates of all maps, smallest loss first."""
         queries = prepare_queries(rig, maps, hints, self.localizer_config)
-        sphere, _ = rig_on_sphere(rig)
+        sphere = rig_on_sphere(rig)
         hypotheses: list[Hypothesis] = []
         num_starts = num_poses = 0
         for query in queries:

@@ -42,7 +42,7 @@ class KnownQuery:
     @cached_property
     def panorama(self) -> Panorama:
         """Return the query as one panorama: that of a rig from `rig_on_sphere`."""
-        return rig_on_sphere(self.query)[0]
+        return rig_on_sphere(self.query)
 
     def place_of(self, found: Pose) -> str | None:
         """Return which of rooms that are alike a pose is in: "own" or "other", or "elsewhere"; None where there are none."""

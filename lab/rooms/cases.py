@@ -63,7 +63,7 @@ class Case:
     @cached_property
     def panorama(self) -> Panorama:
         """Return the query as one panorama: that of a rig from `rig_on_sphere`."""
-        return rig_on_sphere(self.query)[0]
+        return rig_on_sphere(self.query)
 
 
 @dataclass(frozen=True)

@@ -44,10 +44,10 @@ def as_found(rig: Rig, found: Localization) -> Rig:
 
 def shown_on_sphere(rig: Rig, found: Localization) -> tuple[Panorama, Localization]:
     """Return all images on one sphere, and the result with the pose of that sphere as its best, for pictures."""
-    sphere, session_from_sphere = rig_on_sphere(rig, _DRAWN_ROWS)
+    sphere = rig_on_sphere(rig, _DRAWN_ROWS)
     if found.best is None or found.map_from_session is None:
         return sphere, found
-    return sphere, replace(found, best=replace(found.best, pose=found.map_from_session.after(session_from_sphere)))
+    return sphere, replace(found, best=replace(found.best, pose=found.map_from_session.after(rig.session_from_rig)))
 
 
 def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Photo]:

@@ -93,7 +93,7 @@ def test_a_photo_is_found_where_it_was_taken_and_is_its_own_session() -> None:
 
 def test_a_photo_is_found_as_a_masked_sphere_and_a_narrower_one_with_a_hint() -> None:
     photo = photo_of(WIDE)
-    assert_found(localized(rig_on_sphere(Rig.of_photo(photo))[0]), POSE, 0.1, 5.0)
+    assert_found(localized(rig_on_sphere(Rig.of_photo(photo))), POSE, 0.1, 5.0)
     narrow = photo_of(Camera.from_hfov("pinhole", 640, 480, 75.0))
     assert_found(localized(narrow, hints=Hints(upright=True)), POSE, 0.1, 5.0)
 
@@ -133,7 +133,7 @@ def test_what_has_changed_is_told_in_the_axes_of_the_photo() -> None:
     assert scores is not None
     assert points is not None
     told = ~np.isnan(scores)
-    shown = rig_on_sphere(Rig.of_photo(photo))[0].valid
+    shown = rig_on_sphere(Rig.of_photo(photo)).valid
     shown = shown[:: len(shown) // len(told), :: len(shown) // len(told)]
     assert (told & shown).sum() > 0.95 * told.sum() > 0.9 * 0.95 * shown.sum()
     assert np.nanmedian(scores) > 0.8

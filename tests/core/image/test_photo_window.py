@@ -20,7 +20,8 @@ def test_images_from_one_place_are_put_together_to_what_a_panorama_shows_there()
     for camera, turn in zip((UPRIGHT, SIDEWAYS, UPRIGHT), turns, strict=True):
         photo = photo_of(camera, POSE.after(Pose(turn, np.zeros(3))))
         images.append(RigImage(photo, Pose(turn, PLACE)))
-    sphere, pose = rig_on_sphere(Rig(tuple(images)))
+    rig = Rig(tuple(images))
+    sphere, pose = rig_on_sphere(rig), rig.session_from_rig
     np.testing.assert_array_equal(pose.rotation, np.eye(3))
     np.testing.assert_allclose(pose.position, PLACE)
     whole = BOX.panorama(POSE, len(sphere.valid))
@@ -40,7 +41,7 @@ def test_where_images_overlap_the_one_whose_middle_is_nearest_is_shown() -> None
     for value, yaw in ((40, 20.0), (200, -20.0)):
         color = np.full((360, 480, 3), value, np.uint8)
         images.append(RigImage(Photo(color, np.ones((360, 480), bool), SIDEWAYS), Pose(rotation_of(yaw), PLACE)))
-    sphere, _ = rig_on_sphere(Rig(tuple(images)))
+    sphere = rig_on_sphere(Rig(tuple(images)))
     rows = len(sphere.valid)
     horizon = sphere.color[rows // 2, rows - rows // 18 : rows + rows // 18, 0]  # ten degrees to each side
     middle = len(horizon) // 2
@@ -50,11 +51,11 @@ def test_where_images_overlap_the_one_whose_middle_is_nearest_is_shown() -> None
 
 def test_a_panorama_stays_as_it_is_and_goes_along_with_a_turn_of_its_camera() -> None:
     panorama = BOX.panorama(POSE, 64)
-    same, pose = rig_on_sphere(Rig.of_panorama(panorama))
-    np.testing.assert_array_equal(same.color, panorama.color)
-    np.testing.assert_array_equal(pose.position, np.zeros(3))
+    rig = Rig.of_panorama(panorama)
+    np.testing.assert_array_equal(rig_on_sphere(rig).color, panorama.color)
+    np.testing.assert_array_equal(rig.session_from_rig.position, np.zeros(3))
     turned = Rig((RigImage(Photo.of_panorama(panorama), Pose(rotation_of(90.0), PLACE)),))
-    found, _ = rig_on_sphere(turned)
+    found = rig_on_sphere(turned)
     np.testing.assert_array_equal(found.color, np.roll(panorama.color, -32, axis=1))
     assert found.valid.all()
 
@@ -96,4 +97,4 @@ def test_a_large_photo_is_averaged_and_not_picked_from() -> None:
 
 
 def on_sphere(photo: Photo) -> Panorama:
-    return rig_on_sphere(Rig.of_photo(photo))[0]
+    return rig_on_sphere(Rig.of_photo(photo))
