@@ -60,7 +60,6 @@ def build_map_index(
     centers = torch.from_numpy(starts.positions).float().to(device)
     rendered = make_render_cloud(positions, colors, spacing)
     described = config.descriptors
-
     solid = pixel_solid_angles(described.view_height, 2 * described.view_height, device)
 
     def render(part: Tensor) -> tuple[Tensor, Tensor, Tensor]:
