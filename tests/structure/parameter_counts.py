@@ -144,7 +144,7 @@ class Parameters:
 
 
 def parameters() -> Parameters:
-    """Count the configuration of queries and maps, constants of `core/config`, and constants elsewhere in the rooms that localize."""
+    """Count the configuration of queries and maps, constants of `core/config.py`, and constants elsewhere in the rooms that localize."""
     shared = [value for name, value in vars(config).items() if name.isupper() and _is_section(value)]
     roots = (LocalizerConfig(), IndexConfig(), *shared)
     every = [f"{file}:{name}" for file, source in localizing_rooms().items() for name in constants_of(source)]

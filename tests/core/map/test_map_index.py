@@ -150,5 +150,5 @@ def test_every_setting_of_the_index_is_in_the_digest(monkeypatch: pytest.MonkeyP
     assert len(others) > 12
     for other in others:
         assert other.digest() != plain, other
-    monkeypatch.setattr("panoloc.core.config.index.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
+    monkeypatch.setattr("panoloc.core.config.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
     assert base.digest() != plain
