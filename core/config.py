@@ -267,7 +267,7 @@ class SearchConfig:
     histogram_weight: float = 0.04
     # People hold cameras level: poses tilted no more than this are searched first.
     level_tilt_deg: float = 18.0
-    # Lines say how a camera is turned (see `panoloc.core.search.line_evidence`). So many rotations are searched first, those of
+    # Lines say how a camera is turned (see `panoloc.core.search.map_search`). So many rotations are searched first, those of
     # them that are so far apart; of their poses a pool is scored by patches, and the best again by pixels.
     likely_rotations: int = 200
     likely_apart_deg: float = 4.0

@@ -99,11 +99,11 @@ class Engine:
                 if of_contest is None:
                     continue
                 with clock.stage("search"):
-                    found = propose(contest.queries, of_contest, self.config.search)
-                num_starts, num_poses = max(num_starts, found.num_starts), num_poses + found.num_poses
-                if found.portions:
-                    contest.take(found.portions[0])
-                    portions += found.portions[1:]
+                    proposed, of_starts, of_poses = propose(contest.queries, of_contest, self.config.search)
+                num_starts, num_poses = max(num_starts, of_starts), num_poses + of_poses
+                if proposed:
+                    contest.take(proposed[0])
+                    portions += proposed[1:]
             best, portions = max(zip(contests, left, strict=True), key=lambda pair: pair[0].best_score())
             best.rank()
             while portions and not self.is_sure(best):

@@ -25,8 +25,7 @@ from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.render.synthetic_view import RENDER_BATCH
-from panoloc.core.search.line_evidence import LineEvidence
-from panoloc.core.search.map_search import MapSearch
+from panoloc.core.search.map_search import LineEvidence, MapSearch
 from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
 
 

@@ -13,7 +13,6 @@ from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.map.aliases import aliases_in_another_map
 from panoloc.core.options import PosePrior
 from panoloc.core.query.map_query import MapQuery
-from panoloc.core.search.candidates import MapCandidates
 from panoloc.core.search.map_search import search_maps
 from panoloc.core.search.pose_limits import PoseLimits
 
@@ -24,15 +23,6 @@ class Round:
 
     limits: list[PoseLimits]
     by_lines: bool
-
-
-@dataclass(frozen=True)
-class Proposed:
-    """What a round proposes: portions of poses, best first. num_starts, num_poses: as of `MapCandidates`, of all maps."""
-
-    portions: list[list[Hypothesis]]
-    num_starts: int
-    num_poses: int
 
 
 def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> list[Round]:
@@ -51,16 +41,22 @@ def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> list[Round]:
     return [level, Round(limits, by_lines=True), everything] if has_lines and leaves_tilts else [level, everything]
 
 
-def propose(queries: Sequence[MapQuery], searched: Round, config: SearchConfig) -> Proposed:
-    """Search all maps in one round."""
-    found = search_maps([query.search for query in queries], searched.limits, searched.by_lines, config)
-    best = _best(queries, found, config.num_candidates)
-    first = config.num_candidates // 4
-    return Proposed(
-        [part for part in (best[:first], best[first:]) if part],
-        sum(part.num_starts for part in found),
-        sum(part.num_poses for part in found),
+def propose(
+    queries: Sequence[MapQuery], searched: Round, config: SearchConfig
+) -> tuple[list[list[Hypothesis]], int, int]:
+    """Search all maps in one round. Return portions of the best poses over all maps, best first, how many starts the limits left, and how
+    many poses were scored."""
+    found, num_starts, num_poses = search_maps(
+        [query.search for query in queries], searched.limits, searched.by_lines, config
     )
+    scored: list[tuple[float, Hypothesis]] = []
+    for query, some in zip(queries, found, strict=True):
+        columns = some.scores.tolist(), some.starts.tolist(), some.rotations, some.positions
+        for score, start, rotation, position in zip(*columns, strict=True):
+            scored.append((score, Hypothesis(query.number, start, rotation, position)))
+    scored.sort(key=lambda pair: -pair[0])
+    best, first = [hypothesis for _, hypothesis in scored[: config.num_candidates]], config.num_candidates // 4
+    return [part for part in (best[:first], best[first:]) if part], num_starts, num_poses
 
 
 def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
@@ -112,15 +108,3 @@ def aliases_of_pose(queries: Sequence[MapQuery], found: Hypothesis) -> list[Hypo
             if query.allows(pose):
                 poses.append(pose)
     return poses
-
-
-def _best(queries: Sequence[MapQuery], found: Sequence[MapCandidates], count: int) -> list[Hypothesis]:
-    """Return the best `count` candidates over all maps, best first; queries and what was found in their maps go together."""
-    scored: list[tuple[float, Hypothesis]] = []
-    for query, part in zip(queries, found, strict=True):
-        some = part.candidates
-        columns = some.scores.tolist(), some.starts.tolist(), some.rotations, some.positions
-        for score, start, rotation, position in zip(*columns, strict=True):
-            scored.append((score, Hypothesis(query.number, start, rotation, position)))
-    scored.sort(key=lambda pair: -pair[0])
-    return [hypothesis for _, hypothesis in scored[:count]]

@@ -12,7 +12,6 @@ from panoloc.core.features.canonical import CanonicalColors
 from panoloc.core.features.equalization import equalize
 from panoloc.core.features.patch_descriptors import DescribedPatches, centered_roots, pooled
 from panoloc.core.features.patch_histograms import PatchGrid, soft_histograms
-from panoloc.core.image.rig_pyramid import RigPyramid
 
 _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much
 
@@ -21,8 +20,9 @@ _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show les
 class RigPixels:
     """The pixels of images at one resolution, in the axes of the rig, square by square.
 
-    directions: (S, 3), unit vectors. centers: (S, 3) metres, of the camera that each is of. colors: (S, 3) in 0..1. solid: (S,) solid
-    angles. squares: (S,) int64, ascending, the square of pixels that each is in. rows: of a sphere at that resolution.
+    directions: (S, 3), unit vectors. centers: (S, 3) metres, of the camera that each is of. colors: (S, 3) in 0..1, equalized over all of
+    them, once for all poses: that some see less of the scan where a photo looks hardly moves its colours; codes where is_labels. solid:
+    (S,) solid angles. squares: (S,) int64, ascending, the square of pixels that each is in. rows: of a sphere at that resolution.
     """
 
     directions: Tensor
@@ -31,9 +31,15 @@ class RigPixels:
     solid: Tensor
     squares: Tensor
     rows: int
+    is_labels: bool
 
     def __len__(self) -> int:
         return len(self.directions)
+
+    @cached_property
+    def members(self) -> Tensor:
+        """Return which pixels are in which square, (S, G), 1 or 0."""
+        return torch.nn.functional.one_hot(self.squares).float()
 
 
 class DescribedRig:
@@ -78,23 +84,25 @@ class DescribedRig:
     @cached_property
     def pixels(self) -> RigPixels:
         """Return the pixels at the resolution of the map's small pictures."""
-        return rig_pixels(self._pyramid, self._config.picture_height, 2 * self._config.patch_deg)
+        return self._pixels(self._config.picture_height)
 
     @cached_property
     def finer_pixels(self) -> RigPixels:
         """Return the pixels at twice that resolution."""
-        return rig_pixels(self._pyramid, 2 * self._config.picture_height, 2 * self._config.patch_deg)
+        return self._pixels(2 * self._config.picture_height)
 
-
-def rig_pixels(pyramid: RigPyramid, rows: int, square_deg: float) -> RigPixels:
-    """Return the pixels of images at `rows` to a sphere, in squares of so many degrees a side."""
-    side = round(rows * square_deg / 180)
-    windows = pyramid.windows(rows)
-    valid = windows.weights > 0
-    row, column = valid.nonzero(as_tuple=True)
-    image = windows.image[valid]
-    square = (image * windows.shape[0] + row // side) * windows.shape[1]
-    squares, order = torch.unique(square + column // side, return_inverse=True)[1].sort(stable=True)
-    row, column, image = row[order], column[order], image[order]
-    directions, colors = windows.rig_directions[row, column], windows.color[:, row, column].T.contiguous()
-    return RigPixels(directions, pyramid.centers[image], colors, windows.weights[row, column], squares, rows)
+    def _pixels(self, rows: int) -> RigPixels:
+        """Return the pixels at `rows` to a sphere, in squares of two patches a side."""
+        side = round(rows * 2 * self._config.patch_deg / 180)
+        windows = self._pyramid.windows(rows)
+        valid = windows.weights > 0
+        row, column = valid.nonzero(as_tuple=True)
+        image = windows.image[valid]
+        square = (image * windows.shape[0] + row // side) * windows.shape[1]
+        squares, order = torch.unique(square + column // side, return_inverse=True)[1].sort(stable=True)
+        row, column, image = row[order], column[order], image[order]
+        directions, solid = windows.rig_directions[row, column], windows.weights[row, column]
+        colors, is_labels = windows.color[:, row, column].T.contiguous(), self._pyramid.labels is not None
+        if not is_labels:
+            colors = equalize(colors[None], solid[None])[0]
+        return RigPixels(directions, self._pyramid.centers[image], colors, solid, squares, rows, is_labels)

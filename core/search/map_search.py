@@ -15,21 +15,57 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from panoloc.core.config import DISTANCES, SearchConfig
+from panoloc.core.config import PoseDistance, SearchConfig
 from panoloc.core.features.described_views import DescribedViews
+from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
+from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotation_spacing, rotations_of
 from panoloc.core.kernels.library import call, has_kernels_for, num_threads
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.search.candidates import Candidates, MapCandidates
 from panoloc.core.search.described_rig import DescribedRig
-from panoloc.core.search.every_pose import scores_of_every_pose
-from panoloc.core.search.line_evidence import LineEvidence
-from panoloc.core.search.pixel_scores import pixel_scores
+from panoloc.core.search.pixel_scores import pixel_scores, scores_of_every_pose
 from panoloc.core.search.pose_limits import PoseLimits
-from panoloc.core.search.position_sweep import swept
+from panoloc.core.search.position_sweep import Candidates, swept
 
 Found = TypeVar("Found")
+
+
+class LineEvidence:
+    """Edges of photos against the walls of a map.
+
+    contrast: by how much edges agree better with the best rotation, of those that the limits allow where they bound the tilt, than with
+    rotations by chance: mean logarithm of the likelihood ratio of an edge. What is dense enough is 3.5 degrees apart.
+    """
+
+    def __init__(self, lines: LineSupport, axes_from_map: Tensor, limits: PoseLimits, config: SearchConfig) -> None:
+        self._lines, self._axes_from_map, self._config = lines, axes_from_map, config
+        # Rotations map_from_rig, of which one is near any.
+        self._every = rotations_of(config.line_rotations, str(axes_from_map.device))
+        self._by_chance = lines.by_chance
+        if limits.leaves_tilts_beyond(math.pi / 2):
+            self.contrast = lines.contrast(len(self._every))
+        else:
+            allowed = self._every[limits.allows_rotation(self._every)]
+            best = self.of_rotations(allowed).max() if len(allowed) else torch.tensor(self._by_chance)
+            self.contrast = float(best) - self._by_chance
+
+    def of_rotations(self, rotations: Tensor) -> Tensor:
+        """Return how well edges agree with rotations (R, 3, 3) map_from_rig: the mean logarithm of the likelihood ratio (R,)."""
+        return self._lines.of_rotations(self._axes_from_map @ rotations)
+
+    def missed(self, rotations: Tensor) -> Tensor:
+        """Return how far rotations (R, 3, 3) fall short of the best one: 0, not at all, to 1, no better than by chance."""
+        return 1 - ((self.of_rotations(rotations) - self._by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
+
+    def likely_rotations(self, limits: PoseLimits) -> Tensor:
+        """Return the rotations (L, 3, 3) within the limits that edges agree with best, some degrees apart."""
+        allowed = self._every[limits.allows_rotation(self._every, rotation_spacing(len(self._every)) / 2)]
+        count = min(len(allowed), self._config.likely_rotations)
+        best = allowed[self.of_rotations(allowed).topk(count).indices]
+        apart = PoseDistance(1.0, self._config.likely_apart_deg)
+        distinct = first_distinct(best, torch.zeros_like(best[:, 0]), apart)
+        return best[torch.tensor(distinct, dtype=torch.long, device=best.device)]
 
 
 class MapSearch:
@@ -55,73 +91,37 @@ class MapSearch:
         patches = self.rig.patches(self.index.views.basis, 2)
         return patch_scores(patches, self.index.views.descriptors(2).take(starts), rotations).amax(1)
 
-    def propose(
-        self,
-        limits: PoseLimits,
-        starts: Tensor,
-        by_lines: bool,
-        count: int,
-    ) -> MapCandidates:
-        """Return the best `count` poses at the starts (T,) within limits, none near one before it.
+    def propose(self, limits: PoseLimits, starts: Tensor, by_lines: bool, count: int) -> tuple[Candidates, int]:
+        """Return the best `count` poses at the starts (T,) within limits, none near one before it, and how many were scored.
 
-        by_lines: only of rotations that lines agree with, where they are asked.
+        by_lines: only of the few rotations that lines agree with, where they are asked, and the best at places around their starts as well.
         """
-        if by_lines and self.lines is not None:
-            return self._by_lines(self.lines, limits, starts, count)
-        halvings = self.config.halvings(self.is_wide)
-        rotations = self._rotations(halvings, limits)
+        config, lines = self.config, self.lines if by_lines else None
+        halvings = config.halvings(self.is_wide)
+        rotations = self._rotations(halvings, limits) if lines is None else lines.likely_rotations(limits)
         if not len(starts) or not len(rotations):
-            return self._nothing(starts)
-        patches = self.rig.patches(self.index.views.basis, halvings)
-        scores = patch_scores(patches, self.index.views.descriptors(halvings).take(starts), rotations)
-        most = max(count, self.config.rescored_pixels // max(1, len(self.rig.pixels)))
-        best = scores.flatten().topk(min(most, scores.numel())).indices
-        start, rotation = best // len(rotations), best % len(rotations)
-        by_patches = self.config.histogram_weight * scores.flatten()[best]
-        found = self._rescored(self._views(starts), starts, rotations, start, rotation, by_patches)
-        found = found.ranked(found.scores, DISTANCES.place, count, self.config.pool)
-        return MapCandidates(found, len(starts), scores.numel())
-
-    def _by_lines(
-        self,
-        lines: LineEvidence,
-        limits: PoseLimits,
-        starts: Tensor,
-        count: int,
-    ) -> MapCandidates:
-        """Score the starts with the few rotations that lines leave, and the best at places around their starts as well."""
-        config = self.config
-        rotations = lines.likely_rotations(limits)
-        if not len(starts) or not len(rotations):
-            return self._nothing(starts)
-        views = self._views(starts)
-        scores = scores_of_every_pose(self.rig.pixels, views, rotations, self._is_labels)
-        best = scores.flatten().topk(min(config.pool, scores.numel())).indices
-        start, rotation = best // len(rotations), best % len(rotations)
-        by_patches = (
-            2
-            * config.histogram_weight
-            * patch_scores_of(self.rig.patches(self.index.views.basis), views, rotations, start, rotation)
-        )
-        most = max(1, config.rescored_pixels // max(1, len(self.rig.pixels)))
-        again = (scores.flatten()[best] + by_patches).topk(min(most, len(best))).indices
-        found = self._rescored(views, starts, rotations, start[again], rotation[again], by_patches[again])
-        found = found.ranked(found.scores, DISTANCES.place, config.pool, config.pool)
-        return MapCandidates(swept(self.rig, self.index, found, count, config), len(starts), scores.numel())
-
-    def _rescored(
-        self,
-        views: DescribedViews,
-        starts: Tensor,
-        rotations: Tensor,
-        start: Tensor,
-        rotation: Tensor,
-        by_patches: Tensor,
-    ) -> Candidates:
-        """Return poses, numbers (K,) of starts and rotations, with their scores by pixels and by patches (K,)."""
-        scores = pixel_scores(self.rig.pixels, views, rotations, start, rotation, self._is_labels)
-        numbers = starts[start]
-        return Candidates(numbers, rotations[rotation], self.index.starts[numbers], scores + by_patches, by_patches)
+            none = self.index.starts[:0]
+            return Candidates(starts[:0], none.new_zeros((0, 3, 3)), none, none[:, 0], none[:, 0]), 0
+        every, most = self.index.views, max(1, config.rescored_pixels // max(1, len(self.rig.pixels)))
+        views = every if len(starts) == self.index.num_starts else every.take(starts)
+        patches = self.rig.patches(every.basis, halvings)
+        if lines is None:
+            scores = patch_scores(patches, every.descriptors(halvings).take(starts), rotations)
+            best = scores.flatten().topk(min(max(count, most), scores.numel())).indices
+            start, rotation = best // len(rotations), best % len(rotations)
+            by_patches = config.histogram_weight * scores.flatten()[best]
+        else:
+            scores = scores_of_every_pose(self.rig.pixels, views, rotations)
+            best = scores.flatten().topk(min(config.pool, scores.numel())).indices
+            start, rotation = best // len(rotations), best % len(rotations)
+            by_patches = 2 * config.histogram_weight * patch_scores_of(patches, views, rotations, start, rotation)
+            again = (scores.flatten()[best] + by_patches).topk(min(most, len(best))).indices
+            start, rotation, by_patches = start[again], rotation[again], by_patches[again]
+        by_pixels, numbers = pixel_scores(self.rig.pixels, views, rotations, start, rotation), starts[start]
+        found = Candidates(numbers, rotations[rotation], self.index.starts[numbers], by_pixels + by_patches, by_patches)
+        if lines is None:
+            return found.ranked(count, config.pool), scores.numel()
+        return swept(self.rig, self.index, found.ranked(config.pool), count, config), scores.numel()
 
     def _rotations(self, halvings: int, limits: PoseLimits) -> Tensor:
         count = self.config.rotations_with(halvings)
@@ -129,28 +129,15 @@ class MapSearch:
         allowed = limits.allows_rotation(every, rotation_spacing(count) / 2)
         return every if bool(allowed.all()) else every[allowed]
 
-    @property
-    def _is_labels(self) -> bool:
-        return self.index.labels is not None
-
-    def _views(self, starts: Tensor) -> DescribedViews:
-        return self.index.views if len(starts) == self.index.num_starts else self.index.views.take(starts)
-
-    def _nothing(self, starts: Tensor) -> MapCandidates:
-        none = self.index.starts[:0]
-        empty = Candidates(starts[:0], none.new_zeros((0, 3, 3)), none, none[:, 0], none[:, 0])
-        return MapCandidates(empty, len(starts), 0)
-
 
 def search_maps(
     searches: Sequence[MapSearch], limits: Sequence[PoseLimits], by_lines: bool, config: SearchConfig
-) -> list[MapCandidates]:
+) -> tuple[list[Candidates], int, int]:
     """Propose poses in every map; searches and limits go together. Wide rigs look only at the starts that a first pass likes best over all
-    maps."""
+    maps. Return candidates of each map, how many starts the limits leave in all maps, and how many poses were scored there."""
     starts = [search.starts(limit) for search, limit in zip(searches, limits, strict=True)]
     total = sum(map(len, starts))
     kept = math.ceil(config.kept_share * total)
-    counts = list(map(len, starts))
     if searches[0].is_wide and kept < total:
         scores = _in_each(lambda search, limit: search.first_scores(limit), searches, limits)
         least = torch.cat(scores).topk(kept).values[-1]
@@ -161,7 +148,7 @@ def search_maps(
         limits,
         starts,
     )
-    return [MapCandidates(part.candidates, count, part.num_poses) for part, count in zip(found, counts, strict=True)]
+    return [candidates for candidates, _ in found], total, sum(num_poses for _, num_poses in found)
 
 
 def _in_each(work: Callable[..., Found], *columns: Sequence[Any]) -> list[Found]:

@@ -1,26 +1,53 @@
-"""Candidates moved to where they fit best around their starts.
+"""Candidates: the poses that a search proposes in one map, moved to where they fit best around their starts.
 
 Starts lie half a metre apart, and from a quarter of a metre beside a place things at arm's length are ten degrees off: the right start may
 rank behind many wrong ones. So the view of a start, whose depths are known, is also held against the images as it would look from places
 around the start, before candidates are chosen.
 """
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
 from panoloc.core.config import DISTANCES, SearchConfig
+from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.kernels.library import has_kernels_for
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.render.synthetic_view import RENDER_BATCH, depths_from, render_views
-from panoloc.core.search.candidates import Candidates
 from panoloc.core.search.described_rig import DescribedRig, RigPixels
-from panoloc.core.search.pixel_scores import ComparedColors
+from panoloc.core.search.pixel_scores import compiled_scores, scores_at
 
 _PIXELS_AT_ONCE = 1_000_000
 _FAR_M = 30.0
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """K poses, best first: starts (K,) that they were found at, rotations (K, 3, 3) map_from_rig, positions (K, 3) metres, scores (K,).
+
+    by_patches: (K,), what histograms of patches add to the scores.
+    """
+
+    starts: Tensor
+    rotations: Tensor
+    positions: Tensor
+    scores: Tensor
+    by_patches: Tensor
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def take(self, chosen: Tensor | slice) -> "Candidates":
+        """Return those that numbers or a slice choose."""
+        return Candidates(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def ranked(self, count: int, pool: int | None = None) -> "Candidates":
+        """Return the best of the first `pool` poses by score, at most `count`, none at the place of one before it."""
+        some = self.take(self.scores.argsort(descending=True)[:pool])
+        chosen = first_distinct(some.rotations, some.positions, DISTANCES.place, count=count)
+        return some.take(torch.tensor(chosen, dtype=torch.long, device=some.starts.device))
 
 
 def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, config: SearchConfig) -> Candidates:
@@ -30,19 +57,16 @@ def swept(rig: DescribedRig, index: MapIndex, found: Candidates, count: int, con
     """
     spacing = float(index.leaf_sizes.max())
     cube = cube_of_places(spacing, config.sweep_places, index.starts.device)
-    coarse = found.first(max(1, config.rescored_pixels // (len(cube) * len(rig.pixels))))
+    coarse = found.take(slice(max(1, config.rescored_pixels // (len(cube) * len(rig.pixels)))))
     if len(coarse) == 0:
         return found
-    moved = _moved(rig.pixels, index, coarse, cube)
-    every = moved.ranked(moved.scores, DISTANCES.place, count, len(moved))
+    every = _moved(rig.pixels, index, coarse, cube).ranked(count)
     finer = cube_of_places(spacing / config.sweep_places, config.sweep_places, index.starts.device)
     most = max(1, config.rescored_pixels // (len(finer) * len(rig.finer_pixels)))
-    first = every.first(most)
+    first, rest = every.take(slice(most)), every.take(slice(most, None))
     closer = _moved(rig.finer_pixels, index, first, finer)
-    rank = closer.scores.argsort(descending=True)
     # Scores of finer pictures are lower: what is ranked anew shares out the scores that it had.
-    ranked = replace(closer.take(rank), scores=first.scores)
-    rest = every.take(torch.arange(len(first), len(every), device=rank.device))
+    ranked = replace(closer.take(closer.scores.argsort(descending=True)), scores=first.scores)
     return Candidates(*(torch.cat((getattr(ranked, f.name), getattr(rest, f.name))) for f in fields(Candidates)))
 
 
@@ -64,17 +88,16 @@ def _scores_around(pixels: RigPixels, index: MapIndex, starts: Tensor, turns: Te
     """Return the scores (K, O) of K poses with the rotations `turns` (K, 3, 3), at `offsets` (K, O, 3) metres from their starts (K,)."""
     numbers, row = torch.unique(starts, return_inverse=True)
     depth, pictures, seen = _views(index, numbers, pixels.rows)
-    compared, scores = ComparedColors(pixels, index.labels is not None), []
     if has_kernels_for(turns):
         count = offsets.shape[1]
         poses = row.repeat_interleave(count), turns.repeat_interleave(count, 0)
-        return compared.compiled_scores(pictures, seen, poses, (depth, offsets)).view(-1, count)
-    step = max(1, _PIXELS_AT_ONCE // (offsets.shape[1] * len(pixels)))
+        return compiled_scores(pixels, pictures, seen, *poses, depth, offsets).view(-1, count)
+    scores, step = [], max(1, _PIXELS_AT_ONCE // (offsets.shape[1] * len(pixels)))
     for view, turn, moved in zip(*(torch.split(x, step) for x in (row, turns, offsets)), strict=True):
         towards = torch.einsum("kab,sb->ksa", turn, pixels.directions)[:, None]
         centers = moved[:, :, None] + torch.einsum("kab,sb->ksa", turn, pixels.centers)[:, None]
         at = _seen_from(centers, towards, depth[view], pixels.rows) + view[:, None, None] * depth.shape[1]
-        scores.append(compared.scores(pictures, seen, at.flatten(0, 1)).view(at.shape[:2]))
+        scores.append(scores_at(pixels, pictures, seen, at.flatten(0, 1)).view(at.shape[:2]))
     return torch.cat(scores)
 
 

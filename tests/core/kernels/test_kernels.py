@@ -33,9 +33,8 @@ from panoloc.core.refine.step import PatchEquations, PointPlanes, PoseStep, patc
 from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.render_cloud import ViewParts, make_render_cloud
 from panoloc.core.render.synthetic_view import SyntheticViews, depths_from, render_views
-from panoloc.core.search.every_pose import scores_of_every_pose
 from panoloc.core.search.map_search import patch_scores_of
-from panoloc.core.search.pixel_scores import pixel_scores
+from panoloc.core.search.pixel_scores import pixel_scores, scores_of_every_pose
 from panoloc.core.search.position_sweep import swept
 from panoloc.core.search.retrieval import scores_of_maps
 from tests.core.built_maps import BOX, OTHER_BOX, map_of, tensors_of
@@ -338,15 +337,15 @@ def test_photos_on_the_sphere(both: Callable[..., tuple[PhotoOnWindow, PhotoOnWi
 @pytest.mark.parametrize("is_labels", [False, True])
 def test_scores_of_poses(both: Numbers, name: str, is_labels: bool) -> None:
     pixels, views, rotations = (
-        query(name).rig.described.pixels,
+        replace(query(name).rig.described.pixels, is_labels=is_labels),
         map_of(BOX).views.take(torch.arange(40)),
         uniform_rotations(30),
     )
     views.seen[:] = True  # of those that are scored together, some are seen everywhere
     views.seen[:20:3, 10:20] = False
     for found, expected in (
-        both(lambda: scores_of_every_pose(pixels, views, rotations, is_labels)),
-        both(lambda: pixel_scores(pixels, views, rotations, torch.arange(30), torch.arange(30).flip(0), is_labels)),
+        both(lambda: scores_of_every_pose(pixels, views, rotations)),
+        both(lambda: pixel_scores(pixels, views, rotations, torch.arange(30), torch.arange(30).flip(0))),
     ):
         # A direction on the border of two pixels may show either.
         assert float((found - expected).abs().mean()) < 1e-4
@@ -366,7 +365,7 @@ def test_patches_of_some_poses(both: Numbers, name: str) -> None:
 
 def test_candidates_that_move_around_their_starts(both: Numbers) -> None:
     one = query("one photo")
-    found = one.search.propose(one.limits, one.search.starts(one.limits), False, 24).candidates
+    found = one.search.propose(one.limits, one.search.starts(one.limits), False, 24)[0]
     compiled, tensors = both(lambda: swept(one.rig.described, one.index, found, 12, CONFIG.search).positions)
     assert float((compiled - tensors).norm(dim=1).median()) < 1e-4
 

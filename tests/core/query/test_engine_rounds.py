@@ -10,7 +10,6 @@ from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.confidence import load_confidence_model
 from panoloc.core.query import engine as steps
 from panoloc.core.query.engine import Engine
-from panoloc.core.query.rounds import Proposed
 from panoloc.core.stage_clock import StageClock
 
 
@@ -42,11 +41,7 @@ def searched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[str, int, l
         notes: list[str] = []
         contests: Any = [Noted(name, of_name, notes) for name, of_name in scores.items()]
         monkeypatch.setattr(steps, "rounds_of", lambda name, config: list(range(1, rounds[name] + 1)))
-        monkeypatch.setattr(
-            steps,
-            "propose",
-            lambda name, number, config: Proposed([f"{number}a", f"{number}b"], 5, 10),  # type: ignore[list-item]
-        )
+        monkeypatch.setattr(steps, "propose", lambda name, number, config: ([f"{number}a", f"{number}b"], 5, 10))
         monkeypatch.setattr(Engine, "is_sure", lambda engine, contest: notes[-1] == sure_after)
         clock = StageClock(None, torch.device("cpu"))
         best, num_starts, num_poses = Engine(LocalizerConfig(), load_confidence_model())._search(contests, clock)

@@ -57,8 +57,7 @@ def test_panoramas_are_searched_at_once() -> None:
 
 
 def test_the_best_are_looked_at_first() -> None:
-    searched = propose([query("one photo")], rounds_of([query("one photo")], SEARCH)[0], SEARCH)
-    first, rest = searched.portions
+    (first, rest), *_ = propose([query("one photo")], rounds_of([query("one photo")], SEARCH)[0], SEARCH)
     assert len(first) == SEARCH.num_candidates // 4
     assert 0 < len(rest) <= SEARCH.num_candidates - len(first)
     assert all(h is not other for h in first for other in rest)

@@ -9,7 +9,7 @@ from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery, prepare_queries
-from panoloc.core.search.candidates import Candidates
+from panoloc.core.search.position_sweep import Candidates
 from tests.core.built_maps import BOX, POSE, map_of, panorama, rig_of
 from tests.core.image.painted_photos import OF_TWO, SIDEWAYS, photo_of, rig_pose
 

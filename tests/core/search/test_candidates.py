@@ -6,42 +6,41 @@ import pytest
 import torch
 from torch import Tensor
 
-from panoloc.core.config import DISTANCES, PoseDistance
+from panoloc.core.config import DISTANCES
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.search.candidates import Candidates
-from panoloc.core.search.position_sweep import swept
+from panoloc.core.search.position_sweep import Candidates, swept
 from tests.core.built_maps import BOX, POSE, map_of
 from tests.core.search.found_candidates import CONFIG, RIGS, query
 
 SEARCH = CONFIG.search
-NEAR = PoseDistance(0.8, 25.0)
 
 
-def candidates(places_m: list[float], yaws_deg: list[float]) -> Candidates:
+def candidates(places_m: list[float], yaws_deg: list[float], scores: list[float]) -> Candidates:
     """Return candidates along an axis, turned about the vertical."""
     count = len(places_m)
     turns = torch.zeros((count, 3))
     turns[:, 2] = torch.deg2rad(torch.tensor(yaws_deg))
     positions = torch.tensor(places_m)[:, None] * torch.tensor([1.0, 0.0, 0.0])
-    zero = torch.zeros(count)
-    return Candidates(torch.arange(count), rotation_from_vector(turns), positions, zero, zero)
+    return Candidates(
+        torch.arange(count), rotation_from_vector(turns), positions, torch.tensor(scores), torch.zeros(count)
+    )
 
 
 def test_of_poses_that_hardly_differ_only_the_best_is_kept() -> None:
-    some = candidates([0.0, 0.7, 0.9, 0.0, 0.0], [0.0, 0.0, 0.0, 24.0, 26.0])
-    found = some.ranked(torch.tensor([0.5, 0.9, 0.3, 0.4, 0.2]), NEAR, 9, 9)
+    # Half a metre and 15 degrees apart poses are at other places.
+    places, yaws = [0.0, 0.4, 0.6, 0.0, 0.0], [0.0, 0.0, 0.0, 14.0, 16.0]
+    found = candidates(places, yaws, [0.5, 0.9, 0.3, 0.4, 0.2]).ranked(9)
     assert found.starts.tolist() == [1, 4]  # the place itself is near the second; the third is as well
-    found = some.ranked(torch.tensor([0.9, 0.5, 0.3, 0.4, 0.2]), NEAR, 9, 9)
+    found = candidates(places, yaws, [0.9, 0.5, 0.3, 0.4, 0.2]).ranked(9)
     assert found.starts.tolist() == [0, 2, 4]  # another place seen the same way, and the same seen another way
     torch.testing.assert_close(found.scores, torch.tensor([0.9, 0.3, 0.2]))
 
 
 def test_no_more_are_kept_than_asked_for_nor_any_beyond_the_pool() -> None:
-    some = candidates([2.0 * k for k in range(6)], [0.0] * 6)
-    scores = torch.tensor([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
-    assert some.ranked(scores, NEAR, 2, 6).starts.tolist() == [5, 4]
-    assert some.ranked(scores, NEAR, 6, 3).starts.tolist() == [5, 4, 3]
+    some = candidates([2.0 * k for k in range(6)], [0.0] * 6, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    assert some.ranked(2, 6).starts.tolist() == [5, 4]
+    assert some.ranked(6, 3).starts.tolist() == [5, 4, 3]
 
 
 # Candidates moved to where they fit best around their starts.

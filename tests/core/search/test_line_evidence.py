@@ -17,8 +17,7 @@ from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.rounds import rounds_of
-from panoloc.core.search.line_evidence import LineEvidence
-from panoloc.core.search.map_search import search_maps
+from panoloc.core.search.map_search import LineEvidence, search_maps
 from tests.core.built_maps import POSE, map_of, tensors_of
 from tests.core.found_pose import known
 from tests.core.image.painted_photos import SIDEWAYS, photo_of
@@ -77,8 +76,8 @@ def test_the_score_falls_with_what_a_rotation_misses() -> None:
 
 def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
     query, index = query_of(), map_of(BOX)
-    (proposed,) = search_maps([query.search], rounds_of([query], CONFIG.search)[0].limits, True, CONFIG.search)
-    found = proposed.candidates
+    limits = rounds_of([query], CONFIG.search)[0].limits
+    (found,), *_ = search_maps([query.search], limits, True, CONFIG.search)
     off_m, starts = (found.positions - PLACE).norm(dim=-1), index.starts[found.starts]
     assert float(off_m[0]) < 0.2
     assert float((starts[0] - PLACE).norm()) > float(off_m[0])

@@ -10,9 +10,9 @@ from panoloc.core.geometry.rotations import rotation_from_vector, rotation_spaci
 from panoloc.core.kernels.library import num_threads, use_threads
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery, prepare_queries
-from panoloc.core.search.candidates import MapCandidates
 from panoloc.core.search.map_search import search_maps
 from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.search.position_sweep import Candidates
 from tests.core.built_maps import BOX, OTHER_BOX, map_of
 from tests.core.found_pose import known
 from tests.core.image.painted_photos import MAP_FROM_SESSION, TWO, rig_pose, session_of
@@ -23,9 +23,10 @@ SEARCH = CONFIG.search
 NARROW_MARGIN = rotation_spacing(SEARCH.rotations) / 2  # rad, and less of the denser set
 
 
-def searched(query: MapQuery, limits: PoseLimits | None = None) -> MapCandidates:
-    (found,) = search_maps([query.search], [limits or query.limits], False, SEARCH)
-    return found
+def searched(query: MapQuery, limits: PoseLimits | None = None) -> tuple[Candidates, int, int]:
+    """Return what is found in one map, how many starts there were, and how many poses were scored."""
+    (found,), num_starts, num_poses = search_maps([query.search], [limits or query.limits], False, SEARCH)
+    return found, num_starts, num_poses
 
 
 @pytest.mark.parametrize("name", RIGS)
@@ -41,28 +42,29 @@ def test_maps_that_are_searched_at_once_propose_what_they_do_one_after_the_other
         finally:
             use_threads(before)
             torch.set_num_threads(of_tensors)
-    for alone, at_once in zip(*found, strict=True):
-        assert len(alone.candidates) > 1
-        assert torch.equal(alone.candidates.positions, at_once.candidates.positions)
-        assert torch.equal(alone.candidates.scores, at_once.candidates.scores)
+    assert found[0][1:] == found[1][1:]
+    for alone, at_once in zip(found[0][0], found[1][0], strict=True):
+        assert len(alone) > 1
+        assert torch.equal(alone.positions, at_once.positions)
+        assert torch.equal(alone.scores, at_once.scores)
 
 
 @pytest.mark.parametrize("name", RIGS)
 def test_the_right_pose_is_among_the_first_candidates(name: str) -> None:
-    found, index = searched(query(name)), map_of(BOX)
-    assert known(rank_of(RIGS[name][1], poses_of(found.candidates, index))) < 10
-    scores = found.candidates.scores.tolist()
+    (found, num_starts, _), index = searched(query(name)), map_of(BOX)
+    assert known(rank_of(RIGS[name][1], poses_of(found, index))) < 10
+    scores = found.scores.tolist()
     assert scores == sorted(scores, reverse=True)
     assert 1 < len(scores) <= SEARCH.num_candidates
-    assert found.num_starts == index.num_starts
+    assert num_starts == index.num_starts
 
 
 def test_of_a_photo_every_start_is_scored_with_every_rotation_and_of_a_panorama_a_share_of_the_starts() -> None:
     starts = map_of(BOX).num_starts
-    assert searched(query("one photo")).num_poses == starts * SEARCH.rotations
+    assert searched(query("one photo"))[2] == starts * SEARCH.rotations
     kept = math.ceil(SEARCH.kept_share * starts)
     assert kept < starts
-    assert searched(query("panorama")).num_poses == kept * (SEARCH.rotations // 4)
+    assert searched(query("panorama"))[2] == kept * (SEARCH.rotations // 4)
 
 
 @pytest.mark.parametrize("share", [0.5, 0.1, 0.001])
@@ -73,12 +75,10 @@ def test_the_first_pass_keeps_the_starts_that_it_likes_best_over_all_maps(share:
     first = [search.first_scores(limit) for search, limit in zip(searches, limits, strict=True)]
     count = math.ceil(share * sum(map(len, first)))
     least = float(torch.cat(first).sort(descending=True).values[count - 1])
-    found = search_maps(searches, limits, False, config)
-    assert sum(part.num_poses for part in found) == count * (SEARCH.rotations // 4)
+    found, num_starts, num_poses = search_maps(searches, limits, False, config)
+    assert (num_starts, num_poses) == (sum(map(len, first)), count * (SEARCH.rotations // 4))
     for part, scores in zip(found, first, strict=True):
-        assert part.num_starts == len(scores)
-        assert part.num_poses == int((scores >= least).sum()) * (SEARCH.rotations // 4)
-        assert (scores[part.candidates.starts] >= least).all()
+        assert (scores[part.starts] >= least).all()
 
 
 def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:
@@ -87,18 +87,19 @@ def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:
     config = replace(CONFIG, search=replace(SEARCH, kept_share=0.01))
     search = query_of(RIGS["panorama"][0], config=config).search
     assert search.first_scores(level).isinf().all()
-    (found,) = search_maps([search], [level], False, config.search)
+    *_, num_poses = search_maps([search], [level], False, config.search)
     count = SEARCH.rotations // 4
     allowed = level.allows_rotation(uniform_rotations(count), rotation_spacing(count) / 2)
-    assert found.num_poses == map_of(BOX).num_starts * int(allowed.sum()) > 0
+    assert num_poses == map_of(BOX).num_starts * int(allowed.sum()) > 0
 
 
 def test_with_up_known_fewer_rotations_are_searched_and_only_level_ones() -> None:
-    freely, upright = searched(query("two photos")), searched(query_of(session_of(TWO, up_known=True)))
-    assert 0 < upright.num_poses < freely.num_poses / 10
+    *_, of_all = searched(query("two photos"))
+    upright, _, num_poses = searched(query_of(session_of(TWO, up_known=True)))
+    assert 0 < num_poses < of_all / 10
     most = math.radians(5.0) + NARROW_MARGIN
-    assert float(upright.candidates.rotations[:, 2, 2].min()) >= math.cos(most) - 1e-6
-    assert known(rank_of(rig_pose(TWO_PHOTOS), poses_of(upright.candidates, map_of(BOX)))) < 10
+    assert float(upright.rotations[:, 2, 2].min()) >= math.cos(most) - 1e-6
+    assert known(rank_of(rig_pose(TWO_PHOTOS), poses_of(upright, map_of(BOX)))) < 10
 
 
 def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle() -> None:
@@ -107,12 +108,12 @@ def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle() -
     x, y, z = first.position.tolist()
     hints = Hints(position_m=(x, y, z), radius_m=0.3, heading_deg=yaw, heading_tolerance_deg=10.0, upright=True)
     query = query_of(TWO_PHOTOS, hints)
-    found, limits = searched(query), query.limits
+    (found, num_starts, _), limits = searched(query), query.limits
     assert limits.allows_pose(torch.from_numpy(truth.rotation).float(), torch.from_numpy(truth.position).float())
-    assert rank_of(truth, poses_of(found.candidates, map_of(BOX))) is not None
-    assert 0 < found.num_starts < map_of(BOX).num_starts
+    assert rank_of(truth, poses_of(found, map_of(BOX))) is not None
+    assert 0 < num_starts < map_of(BOX).num_starts
     margin = math.radians(10.0) + NARROW_MARGIN + 1e-4
-    ahead = (found.candidates.rotations @ known(limits.first_rotation))[:, :, 0]
+    ahead = (found.rotations @ known(limits.first_rotation))[:, :, 0]
     off = torch.atan2(ahead[:, 1], ahead[:, 0]) - math.radians(yaw)
     assert float(torch.atan2(off.sin(), off.cos()).abs().max()) <= margin
 
@@ -124,5 +125,5 @@ def test_hints_that_leave_nothing_are_answered_with_nothing(name: str) -> None:
     on_its_side = rotation_from_vector(torch.tensor([math.pi / 2, 0.0, 0.0]))
     level = PoseLimits(max_tilt=0.1).of_rig(on_its_side, torch.zeros(3), 0.1)
     for limits, starts in ((far, 0), (level, map_of(BOX).num_starts)):
-        found = searched(query(name), limits)
-        assert (len(found.candidates), found.num_starts, found.num_poses) == (0, starts, 0)
+        found, *counts = searched(query(name), limits)
+        assert (len(found), *counts) == (0, starts, 0)

@@ -1,5 +1,6 @@
 """Scores of poses: what is worked out for many at once against what each would have alone."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,9 +18,8 @@ from panoloc.core.geometry.rotations import uniform_rotations
 from panoloc.core.image.label_codes import label_codes
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.search.described_rig import DescribedRig
-from panoloc.core.search.every_pose import scores_of_every_pose
 from panoloc.core.search.map_search import patch_scores_of
-from panoloc.core.search.pixel_scores import pixel_scores
+from panoloc.core.search.pixel_scores import pixel_scores, scores_of_every_pose
 from tests.core.built_maps import BOX, map_of
 from tests.core.search.found_candidates import CONFIG, RIGS, query
 
@@ -45,15 +45,16 @@ def photos(request: pytest.FixtureRequest) -> DescribedRig:
 
 def test_all_at_once_is_what_each_would_have(photos: DescribedRig) -> None:
     """Of labels, which are not equalized pose by pose, the two are the same number."""
-    found = scores_of_every_pose(photos.pixels, views(), ROTATIONS, True)
-    expected = pixel_scores(photos.pixels, views(), ROTATIONS, *EVERY_POSE, True)
+    pixels = replace(photos.pixels, is_labels=True)
+    found = scores_of_every_pose(pixels, views(), ROTATIONS)
+    expected = pixel_scores(pixels, views(), ROTATIONS, *EVERY_POSE)
     assert found.shape == (40, len(ROTATIONS))
     torch.testing.assert_close(found.flatten(), expected, atol=2e-4, rtol=0)
 
 
 def test_one_table_for_the_map_ranks_nearly_as_one_for_each_pose(photos: DescribedRig) -> None:
-    found = scores_of_every_pose(photos.pixels, views(), ROTATIONS, False).flatten()
-    expected = pixel_scores(photos.pixels, views(), ROTATIONS, *EVERY_POSE, False)
+    found = scores_of_every_pose(photos.pixels, views(), ROTATIONS).flatten()
+    expected = pixel_scores(photos.pixels, views(), ROTATIONS, *EVERY_POSE)
     assert float(torch.corrcoef(torch.stack((found, expected)))[0, 1]) > 0.9
 
 
