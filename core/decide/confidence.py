@@ -16,7 +16,7 @@ import torch
 from panoloc.core.config import DISTANCES
 from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.hypotheses import Hypothesis
-from panoloc.core.refine.halves import NOWHERE
+from panoloc.core.refine.refinement import NOWHERE
 
 _GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other
 _FAR_AHEAD = 0.5  # of the score; places that are farther behind say nothing more

@@ -11,8 +11,7 @@ from panoloc.core.config import LocalizerConfig, StepConfig, StoppingRule
 from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
 from panoloc.core.image.level import Level
 from panoloc.core.query.map_query import MapQuery, by_colors, map_numbers
-from panoloc.core.refine.halves import halves_apart
-from panoloc.core.refine.refinement import joined, refine
+from panoloc.core.refine.refinement import halves_apart, joined, refine
 from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
 

@@ -1,7 +1,6 @@
 """Patches of the sphere: what is aligned patch by patch, sums over the points of each, and the chessboard of two halves."""
 
 import math
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -26,30 +25,21 @@ class PatchSums:
         return torch.searchsorted(self.patches, numbers)
 
     @cached_property
-    def _sums_of(self) -> Callable[[Tensor], Tensor]:
-        """Return what adds up, which kernels do by themselves."""
-        return _by_walking(self.patches) if self.patches.device.type == "cpu" else _by_product(self.patches)
+    def _members(self) -> Tensor:
+        """Return who is where, (N, P), 1 or 0."""
+        return torch.nn.functional.one_hot(self.patches).float()
 
     def __call__(self, values: Tensor) -> Tensor:
         """Return the sums (..., P) of values (..., N)."""
-        return self._sums_of(values)
+        if self.patches.device.type == "cpu":
+            # One patch after the other: of six photos, which show 150, a twentieth of the time of the product.
+            return torch.from_numpy(np.add.reduceat(values.numpy(), self.starts[:-1].numpy(), axis=-1))
+        # So many operations for each point as there are patches, which a GPU has to spare.
+        return values @ self._members
 
     def spread(self, values: Tensor) -> Tensor:
         """Return values of patches (..., P) as those of their points (..., N)."""
         return values[..., self.patches]
-
-
-def _by_product(patches: Tensor) -> Callable[[Tensor], Tensor]:
-    """Return what multiplies values with a matrix of who is where: so many operations for each point as there are patches, which a
-    GPU has to spare."""
-    members = torch.nn.functional.one_hot(patches).float()
-    return lambda values: values @ members
-
-
-def _by_walking(patches: Tensor) -> Callable[[Tensor], Tensor]:
-    """Return what adds up one patch after the other: of six photos, which show 150, a twentieth of the time of the product."""
-    starts = np.flatnonzero(np.diff(patches.numpy(), prepend=-1))
-    return lambda values: torch.from_numpy(np.add.reduceat(values.numpy(), starts, axis=-1))
 
 
 def patch_numbers(directions: Tensor, side_deg: float) -> Tensor:

@@ -8,16 +8,20 @@ Paper: §3.3 (refinement of the best candidates).
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
-from panoloc.core.config import DISTANCES, StepConfig, StoppingRule
+from panoloc.core.config import DISTANCES, RefinementConfig, StepConfig, StoppingRule
 from panoloc.core.geometry.distinct_poses import first_distinct
+from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.image.level import Level
 from panoloc.core.kernels.cuda import has_cuda_kernel
+from panoloc.core.refine.patches import on_black_squares
 from panoloc.core.refine.step import PointPlanes, pose_steps
+
+NOWHERE = 10.0, math.pi  # metres and radians: how far off poses are of which nothing is known
 
 
 def joined(parts: Sequence[PointPlanes]) -> PointPlanes:
@@ -63,20 +67,6 @@ class Refined:
         return together.take(together.numbers.argsort())
 
 
-@dataclass(frozen=True)
-class _Active:
-    """Candidates that have not converged: their points, poses, and last step (K, U); and whether focal lengths differ from the level's."""
-
-    points: PointPlanes
-    poses: Refined
-    step: Tensor
-    has_focals: bool
-
-    def take(self, chosen: Tensor) -> "_Active":
-        """Return some of the candidates."""
-        return _Active(self.points.take(chosen), self.poses.take(chosen), self.step[chosen], self.has_focals)
-
-
 def refine(
     level: Level,
     points: PointPlanes,
@@ -96,65 +86,52 @@ def refine(
     merged however near their poses lie; None: all are of one. within: brings rotations (K, 3, 3) back within limits, after every step.
     log_focals: (K,), focal lengths; within `focal_bounds` they are unknown as well.
     """
-    active = _at_start(points, rotations, positions, log_focals, focal_bounds)
+    device, nothing = rotations.device, torch.zeros(len(rotations), device=rotations.device)
+    numbers, hessian = torch.arange(len(rotations), device=device), torch.zeros((len(rotations), 6, 6), device=device)
+    focals, steps = nothing if log_focals is None else log_focals, torch.zeros_like(numbers)
+    poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, steps, focals, nothing)
     converged: list[Refined] = []
     done = 0
     # A GPU takes the steps of those that no longer move beside the others; to ask which these are would make it wait.
     all_at_once = stop is None or has_cuda_kernel("pose_steps", rotations)
-    while done < iterations and len(active.poses.numbers):
+    while done < iterations and len(poses.numbers):
         count = iterations if all_at_once or stop is None else min(stop.interval, iterations - done)
         done += count
-        active = _stepped(active, level, config, count, within, focal_bounds, is_last=done == iterations)
-        if stop and done < iterations:
-            converged, active = _without_duplicates(converged, active, groups)
-            turn, move = active.step[:, :3].norm(dim=-1), active.step[:, 3:].norm(dim=-1)
+        has_focals, is_last = log_focals is not None, done == iterations
+        poses, step = _stepped(points, poses, level, config, count, within, has_focals, focal_bounds, is_last)
+        if stop and not is_last:
+            converged, left = _without_duplicates(converged, poses, groups)
+            moved = step[left]
+            turn, move = moved[:, :3].norm(dim=-1), moved[:, 3:].norm(dim=-1)
             still = torch.maximum(turn, move) < stop.pixels * math.pi / level.rows
-            if bool(still.any()):
-                converged = [*converged, active.poses.take(still.nonzero()[:, 0])]
-                active = active.take((~still).nonzero()[:, 0])
+            converged, moving = [*converged, poses.take(left[still])], left[~still]
+            if len(moving) < len(poses.numbers):
+                points, poses = points.take(moving), poses.take(moving)
     if stop and all_at_once:
-        converged, active = _without_duplicates(converged, active, groups)
-    return Refined.joined([*converged, active.poses])
-
-
-def _at_start(
-    points: PointPlanes,
-    rotations: Tensor,
-    positions: Tensor,
-    log_focals: Tensor | None,
-    focal_bounds: tuple[float, float] | None,
-) -> _Active:
-    nothing = torch.zeros(len(rotations), device=rotations.device)
-    numbers = torch.arange(len(rotations), device=rotations.device)
-    hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
-    focals = nothing if log_focals is None else log_focals
-    poses = Refined(
-        numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers), focals, nothing
-    )
-    step = torch.zeros((len(rotations), 6 if focal_bounds is None else 7), device=rotations.device)
-    return _Active(points, poses, step, log_focals is not None)
+        converged, left = _without_duplicates(converged, poses, groups)
+        poses = poses.take(left)
+    return Refined.joined([*converged, poses])
 
 
 def _stepped(
-    active: _Active,
+    points: PointPlanes,
+    poses: Refined,
     level: Level,
     config: StepConfig,
     count: int,
     within: Callable[[Tensor], Tensor] | None,
+    has_focals: bool,
     focal_bounds: tuple[float, float] | None,
     is_last: bool,
-) -> _Active:
-    """Take `count` steps; the very last of a refinement is not lengthened."""
-    poses = active.poses
+) -> tuple[Refined, Tensor]:
+    """Take `count` steps; the very last of a refinement is not lengthened. Return the poses, and the last step (K, U)."""
     rotations, positions = poses.rotations, poses.positions
-    log_focals = poses.log_focals if active.has_focals else None
+    log_focals = poses.log_focals if has_focals else None
     # Limits are kept after every step.
     at_once = count if within is None else 1
     for k in range(count // at_once):
         has_last = is_last and (k + 1) * at_once == count
-        step = pose_steps(
-            level, active.points, rotations, positions, log_focals, config, focal_bounds, at_once, has_last
-        )
+        step = pose_steps(level, points, rotations, positions, log_focals, config, focal_bounds, at_once, has_last)
         rotations, positions, log_focals = step.rotations, step.positions, step.log_focals
         if within is not None:
             rotations = within(rotations)
@@ -165,7 +142,7 @@ def _stepped(
     reached = Refined(
         poses.numbers, rotations, positions, found.loss, hessian[:, :6, :6], found.scale, steps, focals, information
     )
-    return _Active(active.points, reached, step.step, active.has_focals)
+    return reached, step.step
 
 
 def _information_of_focal(hessian: Tensor, mass: Tensor) -> Tensor:
@@ -177,16 +154,53 @@ def _information_of_focal(hessian: Tensor, mass: Tensor) -> Tensor:
 
 
 def _without_duplicates(
-    converged: list[Refined], active: _Active, groups: Tensor | None
-) -> tuple[list[Refined], _Active]:
-    """Leave out the candidates that are near one of a smaller loss."""
-    together = Refined.joined([*converged, active.poses])
+    converged: list[Refined], poses: Refined, groups: Tensor | None
+) -> tuple[list[Refined], Tensor]:
+    """Leave out the candidates near one of a smaller loss; return the converged ones that are left, and the numbers of others that are."""
+    together = Refined.joined([*converged, poses])
     order = together.loss.argsort()
     rotations, positions = together.rotations[order], together.positions[order]
     of = None if groups is None else groups[together.numbers[order]]
-    kept = first_distinct(rotations, positions, DISTANCES.same, of)
-    if len(kept) == len(order):
-        return converged, active
-    numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
+    kept = torch.tensor(first_distinct(rotations, positions, DISTANCES.same, of), dtype=torch.long, device=order.device)
+    numbers = together.numbers[order[kept]]
     converged = [part.take(torch.isin(part.numbers, numbers).nonzero()[:, 0]) for part in converged]
-    return converged, active.take(torch.isin(active.poses.numbers, numbers).nonzero()[:, 0])
+    return converged, torch.isin(poses.numbers, numbers).nonzero()[:, 0]
+
+
+def halves_apart(
+    level: Level,
+    points: PointPlanes,
+    rotation: Tensor,
+    position: Tensor,
+    log_focals: Tensor | None,
+    square_deg: float,
+    config: RefinementConfig,
+) -> Tensor:
+    """Return how far apart (2,), metres and radians, the poses are that the two halves of a picture, refined apart, lead to from one pose.
+
+    At the right pose all parts of a picture say the same, however little some of them still agree. At a wrong one what fits does so by
+    chance, and each half alone fits better elsewhere: by decimetres and degrees in rooms as bare as they come, where all other signs may be
+    taken in (docs/confidence.md).
+
+    The halves are the black and the white squares of a chessboard on the sphere. points: of that one pose. rotation: (3, 3)
+    map_from_camera; position: (3,) metres.
+    """
+    directions = torch.nn.functional.normalize((points.positions[0].T - position) @ rotation, dim=-1)
+    is_black = on_black_squares(directions, square_deg)
+    weights = points.weights[0] * torch.stack((is_black, ~is_black))
+    both = replace(points.take(torch.zeros(2, dtype=torch.long, device=weights.device)), weights=weights)
+    focals = None if log_focals is None else log_focals.expand(2)
+    found = refine(
+        level,
+        both,
+        rotation.expand(2, 3, 3),
+        position.expand(2, 3),
+        config.iterations,
+        config.step,
+        log_focals=focals,
+    )
+    distance = (found.positions[0] - found.positions[1]).norm()
+    angle = rotation_angle(found.rotations[0], found.rotations[1])
+    # Halves in which nothing agrees stay where they are, which is no agreement.
+    is_blind = (found.hessian.diagonal(dim1=1, dim2=2).sum(-1) <= 0).any()
+    return torch.stack((torch.where(is_blind, NOWHERE[0], distance), torch.where(is_blind, NOWHERE[1], angle)))

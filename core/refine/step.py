@@ -211,7 +211,8 @@ def patch_equations(
     seen, inside = level.sample_points(points.positions, points.images, rotations, positions, log_focals)
     by_patch = _Patches(points, points.weights * inside)
     shown, scanned = by_patch.centered(seen.color), by_patch.centered(points.colors)
-    common, power = by_patch.covariances(shown, scanned, CONTRAST.noise)
+    power = [by_patch.means(_over_channels(side, side)) + CONTRAST.noise for side in (shown, scanned)]
+    common = by_patch.means(_over_channels(shown, scanned))
     correlation = (common / (power[0] * power[1]).sqrt()).clamp(0, _MOST_CORRELATED)
     unexplained = (1 - correlation.square()).sqrt()
     gain = (common / power[0]).clamp_min(0)
@@ -248,17 +249,8 @@ class _Patches:
 
     def __init__(self, points: PointPlanes, weights: Tensor) -> None:
         self.weights = weights  # (K, N)
-        self._sums = points.sums
+        self._sums, self.spread = points.sums, points.sums.spread
         self.mass = self._sums(weights).clamp_min(1e-6)  # (K, P)
-
-    def covariances(self, shown: Tensor, scanned: Tensor, floor: float) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        """Return the covariance (K, P) of centred planes (K, 3, N) over all channels, and the variances of both plus `floor`."""
-        power = self.means(_over_channels(shown, shown)) + floor, self.means(_over_channels(scanned, scanned)) + floor
-        return self.means(_over_channels(shown, scanned)), power
-
-    def spread(self, values: Tensor) -> Tensor:
-        """Return values of patches (..., P) as those of their points (..., N)."""
-        return self._sums.spread(values)
 
     def means(self, values: Tensor) -> Tensor:
         """Return the weighted means (K, P) of values (K, N)."""

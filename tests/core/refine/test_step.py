@@ -13,9 +13,8 @@ from torch import Tensor
 from panoloc.core.config import CONTRAST, DescriptorConfig, RefinementConfig, StepConfig
 from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.image.level import Level
-from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.patches import PatchSums
-from panoloc.core.refine.refinement import Refined, refine
+from panoloc.core.refine.refinement import Refined, halves_apart, refine
 from panoloc.core.refine.step import PointPlanes, PoseStep, patch_equations, pose_steps
 from tests.core.other_device import DEVICE, OtherDevice
 from tests.core.painted_box import PaintedBox
