@@ -17,7 +17,7 @@ from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints, Method
-from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.remarks import Remark
 from panoloc.core.results import Candidate, Localization
 from panoloc.core.search.retrieval import scores_of_maps

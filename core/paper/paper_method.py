@@ -56,7 +56,7 @@ class PaperMethod:
             return MethodResult([], None, None, num_starts, num_poses, self.config.num_rotations)
         with clock.stage("judge"):  # which leaves the order that of the losses
             judged, comparisons = zip(*(queries[h.map_number].judge_alone(h) for h in hypotheses), strict=True)
-        cloud = queries[hypotheses[0].map_number].cloud
+        cloud = maps[hypotheses[0].map_number].render_cloud
         return MethodResult(list(judged), comparisons[0], cloud, num_starts, num_poses, self.config.num_rotations)
 
     def _searched(self, index: MapIndex, limits: PoseLimits) -> tuple[Tensor, Tensor]:

@@ -30,14 +30,13 @@ from panoloc.core.stage_clock import StageClock
 
 @dataclass
 class _Full:
-    """A hypothesis of the medium stage; itself refined fully and judged, and how the scan compares there; the points that it was refined
-    on; and whether all signs were measured."""
+    """A hypothesis of the medium stage; itself refined fully and judged, and how the scan compares there; and the points that it was
+    refined on."""
 
     medium: Hypothesis
     final: Hypothesis
     comparison: Comparison
     points: PointPlanes
-    has_signs: bool = False
 
 
 class Contest:
@@ -207,11 +206,10 @@ class Contest:
     def _with_signs(self, full: _Full) -> Hypothesis:
         """Return a hypothesis with what is measured of the best one alone, and only once: how far apart the halves of the images end from
         there."""
-        if not full.has_signs:
+        if "halves_apart_m" not in full.final.measures:
             query = self.queries[full.final.map_number]
             with self.clock.stage("refine"):
                 full.final = self.refinement.with_halves(query, full.final, full.points)
-            full.has_signs = True
         return full.final
 
     def _refined_fully(self, chosen: Sequence[Hypothesis]) -> list[_Full]:

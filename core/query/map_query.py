@@ -1,5 +1,6 @@
-"""One map of a query: what it asks of poses there, and how they are rendered, judged and aligned."""
+"""A rig and each map of a query, ready for it: what it asks of poses there, and how they are rendered, judged and aligned."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -11,22 +12,105 @@ from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.agreement import agreement, with_agreement
 from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses
+from panoloc.core.features.canonical import CanonicalColors
+from panoloc.core.features.line_support import Edges, LineSupport, edges_of_photos
+from panoloc.core.image.label_codes import LabelCodes
+from panoloc.core.image.photo_window import shown_share
+from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import Hints
-from panoloc.core.query.focal_lengths import with_other_focal_lengths
-from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints
+from panoloc.core.query.focal_lengths import focal_prior, with_other_focal_lengths
 from panoloc.core.refine.aligned_points import (
+    LookDirections,
     StartViews,
+    look_directions,
     points_seen_from_poses,
     points_seen_from_starts,
     views_from_starts,
 )
 from panoloc.core.refine.step import PointPlanes
-from panoloc.core.render.comparison import Comparison
-from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.comparison import Comparison, RigView
 from panoloc.core.render.synthetic_view import RENDER_BATCH
+from panoloc.core.search.described_rig import DescribedRig
 from panoloc.core.search.map_search import LineEvidence, MapSearch
 from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
+
+
+class PreparedRig:
+    """A rig in the colours of some maps.
+
+    is_wide: whether it covers so much of the sphere that patches of 22 degrees tell it apart. finer: how many times as closely it is looked
+    at as a panorama is. is_labels: whether colours are codes of labels. rows: of the coarse renderings that poses are judged on; patch_deg:
+    how many degrees the patches are high and wide that they are judged by, as many rows of any rendering. margin_deg: how far around what
+    the images show points are aligned while poses may turn.
+    """
+
+    def __init__(self, rig: Rig, labels: LabelCodes | None, device: torch.device, config: LocalizerConfig) -> None:
+        self.config, self._camera = config, rig.photos[0].camera
+        share = shown_share(rig)
+        self.is_wide = share >= config.search.wide_share
+        self.finer = 2 if share < config.search.narrow_share else 1
+        self.pyramid = RigPyramid(rig, 2 * self.finer * config.refinement.fine_rows, labels, device)
+        self.share = self.pyramid.share
+        self.colors = CanonicalColors(self.pyramid)
+        self.view = RigView(self.pyramid, config.refinement.margin_deg)
+        self.prior = focal_prior(rig, config.focal)
+        self.is_labels = labels is not None
+        self.rows = self.finer * config.descriptors.view_height
+        self.patch_deg = 2 * config.descriptors.patch_deg / self.finer
+        self.margin_deg = config.refinement.coarse_margin_deg * (1.0 if self.finer > 1 else 0.5)
+        self._look: dict[tuple[int, float, float], LookDirections] = {}
+
+    def log_focals(self, group: Sequence[Hypothesis]) -> Tensor | None:
+        """Return the logarithms (K,) of the focal lengths of hypotheses over those given; None where all are as given."""
+        if all(h.log_focal is None for h in group):
+            return None
+        return torch.tensor([h.log_focal or 0.0 for h in group], device=self.pyramid.rotations.device)
+
+    def shares(self, group: Sequence[Hypothesis]) -> Tensor:
+        """Return the shares (K,) of the sphere that the images show with the focal lengths of hypotheses, as far as views of them go."""
+        own = self._camera.solid_angle()
+        shares = [self.share * min(1.0, self._camera.solid_angle(math.exp(h.log_focal or 0.0)) / own) for h in group]
+        return torch.tensor(shares, device=self.pyramid.rotations.device)
+
+    def likelihoods(self, group: Sequence[Hypothesis]) -> Tensor:
+        """Return by how much less (K,) the scores of hypotheses count whose focal lengths are others than stated, or longer than they need
+        be: the less of the sphere an image shows, the more easily it fits by chance."""
+        prior, focal = self.prior, self.config.focal
+        if prior is None:
+            less = [1.0] * len(group)
+        elif prior.is_stated:
+            less = [1.0 if h.log_focal is None else focal.stated for h in group]
+        else:
+            widest = self._camera.solid_angle(math.exp(prior.least))
+            less = [(self._camera.solid_angle(math.exp(h.log_focal or 0.0)) / widest) ** focal.chance for h in group]
+        return torch.tensor(less, device=self.pyramid.rotations.device)
+
+    @cached_property
+    def described(self) -> DescribedRig:
+        """Return what the images look like to the search."""
+        return DescribedRig(self.colors, self.config.descriptors)
+
+    @cached_property
+    def edges(self) -> Edges:
+        """Return the edges of the images."""
+        return edges_of_photos(self.pyramid, self.config.lines)
+
+    @cached_property
+    def lines(self) -> LineSupport:
+        """Return what the edges of the images say of how the rig is turned."""
+        return LineSupport(self.edges, self.config.lines)
+
+    def look(self, count: int, margin_deg: float, patch_deg: float) -> LookDirections:
+        """Return `count` directions that the images show and as many around; see `look_directions`."""
+        key = count, margin_deg, patch_deg
+        if key not in self._look:
+            self._look[key] = look_directions(self.pyramid, count, margin_deg, patch_deg)
+        return self._look[key]
+
+    def numbers_of(self, values: list[int]) -> Tensor:
+        """Return whole numbers on the device of the rig."""
+        return torch.tensor(values, device=self.pyramid.rotations.device)
 
 
 class MapQuery:
@@ -36,11 +120,6 @@ class MapQuery:
         self.number, self.index, self.limits, self.rig, self.config = number, index, limits, rig, rig.config
         # The row of each start in the views, and what the starts see.
         self._seen: tuple[dict[int, int], StartViews] | None = None
-
-    @property
-    def cloud(self) -> RenderCloud:
-        """Return the map's points, ready for rendering."""
-        return self.index.render_cloud
 
     @cached_property
     def lines(self) -> LineEvidence | None:
@@ -70,7 +149,7 @@ class MapQuery:
     def compare(self, group: Sequence[Hypothesis], rows: int, with_points: bool = False) -> Comparison:
         """Render the scan at every pose, in `rows` rows to a sphere, beside what the images show."""
         focals = self.rig.log_focals(group)
-        return self.rig.view.compare(self.cloud, *stacked_poses(group), rows, with_points, focals)
+        return self.rig.view.compare(self.index.render_cloud, *stacked_poses(group), rows, with_points, focals)
 
     def judge(self, group: Sequence[Hypothesis], is_first: bool = False) -> list[Hypothesis]:
         """Return the hypotheses with the score and measures of renderings; is_first: of coarse ones, where there are many poses."""
@@ -98,7 +177,7 @@ class MapQuery:
         look = rig.look(sizes.coarse_points_of(rig.share), rig.margin_deg, 2 * self.config.descriptors.patch_deg)
         numbers = rig.numbers_of([rows[h.start] for h in group])
         return points_seen_from_starts(
-            rig.pyramid, self.cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.contrast
+            rig.pyramid, self.index.render_cloud, views, numbers, *stacked_poses(group), look, coarse, sizes.contrast
         )
 
     def points_from_poses(
@@ -106,7 +185,9 @@ class MapQuery:
     ) -> PointPlanes:
         """Return `count` points that the poses compared see, in patches of `patch_deg`."""
         look = self.rig.look(count, self.config.refinement.margin_deg, patch_deg)
-        return points_seen_from_poses(self.rig.view, self.cloud, comparison, *stacked_poses(group), look, contrast)
+        return points_seen_from_poses(
+            self.rig.view, self.index.render_cloud, comparison, *stacked_poses(group), look, contrast
+        )
 
     def _views_from(self, starts: list[int]) -> tuple[dict[int, int], StartViews]:
         """Return the row of each start in the views, and the views."""
@@ -120,6 +201,7 @@ class MapQuery:
 def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, config: LocalizerConfig) -> list[MapQuery]:
     """Prepare a rig for each map. Raises OptionsError for hints out of range."""
     limits = [within_reach(pose_limits(hints, index), index) for index in maps]
+    tilt = math.radians(MAX_SESSION_TILT_DEG) if rig.options.up_known else None
     shared: PreparedRig | None = None
     queries = []
     for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):
@@ -127,7 +209,8 @@ def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, con
             shared = prepared = shared or PreparedRig(rig, None, index.positions.device, config)
         else:
             prepared = PreparedRig(rig, index.labels, index.positions.device, config)
-        queries.append(MapQuery(number, index, prepared.limits_of_rig(limit), prepared))
+        of_rig = limit.of_rig(prepared.pyramid.rotations[0], prepared.pyramid.centers[0], tilt)
+        queries.append(MapQuery(number, index, of_rig, prepared))
     return queries
 
 
@@ -139,8 +222,3 @@ def by_colors(
     for number, part in by_map(hypotheses):
         groups.setdefault(queries[number].rig, []).extend(part)
     yield from groups.items()
-
-
-def map_numbers(group: Sequence[Hypothesis], device: torch.device) -> Tensor:
-    """Return the numbers (K,) of the maps of hypotheses."""
-    return torch.tensor([h.map_number for h in group], device=device)

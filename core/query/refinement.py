@@ -10,7 +10,7 @@ from dataclasses import replace
 from panoloc.core.config import LocalizerConfig, StepConfig, StoppingRule
 from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
 from panoloc.core.image.level import Level
-from panoloc.core.query.map_query import MapQuery, by_colors, map_numbers
+from panoloc.core.query.map_query import MapQuery, by_colors
 from panoloc.core.refine.refinement import halves_apart, joined, refine
 from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
@@ -112,7 +112,8 @@ class Refinement:
     ) -> list[Hypothesis]:
         """Refine hypotheses of maps that share colours, within the limits of tilts unless they are free."""
         rotations, positions = stacked_poses(group)
-        numbers, rig = map_numbers(group, rotations.device), self.queries[group[0].map_number].rig
+        rig = self.queries[group[0].map_number].rig
+        numbers = rig.numbers_of([h.map_number for h in group])
         within, focals, bounds = None if is_free else self._within, rig.log_focals(group), None
         if focals is not None and rig.prior is not None:
             focal = self.config.focal

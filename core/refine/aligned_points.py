@@ -48,31 +48,30 @@ def look_directions(pyramid: RigPyramid, count: int, margin_deg: float, patch_de
 
 @dataclass(frozen=True)
 class StartViews:
-    """What starts see: point (T, P) int64, −1 for none; colors and contrast (T, P, 3) of views, and of their halves.
+    """What starts see: point (T, P) int64, −1 for none; colours (T, P, 3) of their views, and of halves of these, and next to them local
+    contrast, (T, P, 6), which label codes have none of.
 
-    rows: of the views. contrast: None of label codes, which have none.
+    rows: of the views.
     """
 
     point: Tensor
-    colors: tuple[Tensor, Tensor]
-    contrast: tuple[Tensor, Tensor] | None
+    full: Tensor
+    half: Tensor
     rows: int
 
 
 def views_from_starts(index: MapIndex, starts: Tensor, rows: int) -> StartViews:
     """Render the views of the starts numbered `starts` (T,)."""
-    points, colors, halves = [], [], []
+    points, full, half = [], [], []
     for part in torch.split(starts, RENDER_BATCH):
         views = render_views(index.render_cloud, index.starts[part], rows)
         points.append(views.point.flatten(1))
         shown = views.color
         if index.labels is None:
             shown = torch.cat((shown, local_contrast(views.color, views.valid.float())), dim=-1)
-        colors.append(shown.flatten(1, 2))
-        halves.append(halve(shown, views.valid).flatten(1, 2))
-    half, full = torch.cat(halves), torch.cat(colors)
-    contrast = (half[..., 3:], full[..., 3:]) if index.labels is None else None
-    return StartViews(torch.cat(points), (half[..., :3], full[..., :3]), contrast, rows)
+        full.append(shown.flatten(1, 2))
+        half.append(halve(shown, views.valid).flatten(1, 2))
+    return StartViews(torch.cat(points), torch.cat(full), torch.cat(half), rows)
 
 
 def points_seen_from_starts(
@@ -91,14 +90,14 @@ def points_seen_from_starts(
     rotations (K, 3, 3) and positions (K, 3): of the rig. coarse: colours of half the views' rows. Colours are equalized over what the
     images show, and mixed with contrast.
     """
-    which, rows = (0, views.rows // 2) if coarse else (1, views.rows)
+    shown, rows = (views.half, views.rows // 2) if coarse else (views.full, views.rows)
     towards = torch.einsum("kab,nb->kna", rotations, look.directions)
     point = views.point[numbers[:, None], pixels_towards(towards, views.rows)]
     pixel = pixels_towards(towards, rows)
-    colors, weights = views.colors[which][numbers[:, None], pixel], (point >= 0).float()
-    if views.contrast is not None:
+    colors, weights = shown[..., :3][numbers[:, None], pixel], (point >= 0).float()
+    if shown.shape[-1] > 3:
         colors = apply_tables(colors, equalization_tables(colors, weights * look.inside))
-        colors = torch.lerp(colors, views.contrast[which][numbers[:, None], pixel], contrast_share)
+        colors = torch.lerp(colors, shown[..., 3:][numbers[:, None], pixel], contrast_share)
     seen = cloud.positions[point.clamp_min(0)]
     return PointPlanes.of_triples(
         seen, colors, weights, images_showing(pyramid, seen, rotations, positions), look.patches

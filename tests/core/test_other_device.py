@@ -12,7 +12,7 @@ from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.options import IndexOptions
-from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.results import Candidate
 from panoloc.core.search.retrieval import scores_of_maps
 from tests.core.built_maps import BOX, COARSE, OTHER_BOX, localized, map_of, panorama, rig_of

@@ -27,7 +27,7 @@ from panoloc.core.image.photo_window import PhotoOnWindow, photo_on_window
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.kernels import library
 from panoloc.core.map.retrieval_vectors import retrieval_vectors
-from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.refine.patches import PatchSums, patch_numbers
 from panoloc.core.refine.step import PatchEquations, PointPlanes, PoseStep, patch_equations, pose_steps
 from panoloc.core.render.comparison import Comparison, RigView

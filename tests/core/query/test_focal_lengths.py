@@ -23,8 +23,7 @@ from panoloc.core.query.focal_lengths import (
     guesses,
     with_other_focal_lengths,
 )
-from panoloc.core.query.map_query import prepare_queries
-from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.query.map_query import PreparedRig, prepare_queries
 from panoloc.core.render.synthetic_view import RENDER_BATCH
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, SYMMETRIC, TWIN, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known

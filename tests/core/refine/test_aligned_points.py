@@ -100,7 +100,7 @@ def test_points_of_a_start_are_those_of_its_view_in_its_colours_equalized(query:
         assert torch.equal(here.long(), there.long())
     assert torch.equal(found.sums.patches, look.patches)
     views = views_from_starts(map_of(BOX), torch.tensor([9]), HEIGHT)
-    shown = views.colors[1][:, pixels_towards(along, HEIGHT)]
+    shown = views.full[..., :3][:, pixels_towards(along, HEIGHT)]
     expected = equalize(shown, (seen & look.inside).float()[None])
     torch.testing.assert_close(found.colors[0].T[seen], expected[0][seen])
     assert float((found.colors[0].T - shown[0])[seen].abs().mean()) > 0.05
@@ -115,7 +115,7 @@ def test_of_half_the_resolution_points_are_the_same_and_colours_coarser_or_nothi
     views = views_from_starts(map_of(BOX), torch.tensor([5, 9]), HEIGHT)
     look = look_directions(PHOTOS, 300, 5.0, 22.5)
     pixel = pixels_towards(look.directions @ rotation[0].T, HEIGHT // 2)
-    contrast = known(views.contrast)[0][1, pixel]
+    contrast = views.half[1, pixel, 3:]
     torch.testing.assert_close(from_starts(PHOTOS, rotation, True, 1.0).colors[0].T, contrast)
 
 
@@ -132,14 +132,14 @@ def test_each_candidate_has_the_points_of_its_own_start() -> None:
 def test_labels_are_neither_equalized_nor_mixed_with_contrast() -> None:
     index = map_of(LABELLED, AS_LABELS)
     views = views_from_starts(index, torch.tensor([2]), HEIGHT)
-    assert views.contrast is None
+    assert views.full.shape[-1] == views.half.shape[-1] == 3
     assert index.labels is not None
     pyramid = RigPyramid(rig_of(LABELLED.panorama(POSE)), 128, index.labels, "cpu")
     look = look_directions(pyramid, 300, 0.0, 22.5)
     at = torch.eye(3)[None], index.starts[2:3]
     found = points_seen_from_starts(pyramid, index.render_cloud, views, torch.tensor([0]), *at, look, False, 0.8)
     pixel = pixels_towards(look.directions, HEIGHT)
-    torch.testing.assert_close(found.colors[0].T, views.colors[1][0, pixel])
+    torch.testing.assert_close(found.colors[0].T, views.full[0, pixel])
 
 
 # From poses.

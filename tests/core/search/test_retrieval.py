@@ -19,7 +19,7 @@ from panoloc.core.map.retrieval_vectors import (
     encode_retrieval_vectors,
     retrieval_vectors,
 )
-from panoloc.core.query.prepared_rig import PreparedRig
+from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.search.retrieval import scores_of_maps
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, OTHER_BOX, POSE, map_of, rig_of
 from tests.core.painted_box import PaintedBox, rotation_of
