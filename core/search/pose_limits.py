@@ -1,7 +1,7 @@
 """Hints as limits on poses: which starts and rotations are searched, and which refined poses are allowed."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
@@ -32,14 +32,9 @@ class PoseLimits:
     max_tilt: float | None = None
     heading: float | None = None
     heading_tolerance: float = math.pi
-    first_rotation: Tensor | None = None
-    first_center: Tensor | None = None
+    first_rotation: Tensor = field(default_factory=lambda: torch.eye(3))
+    first_center: Tensor = field(default_factory=lambda: torch.zeros(3))
     max_rig_tilt: float | None = None
-
-    @property
-    def reach_m(self) -> float:
-        """Return how far the first camera is from the middle of the rig, metres."""
-        return 0.0 if self.first_center is None else float(self.first_center.norm())
 
     def of_rig(self, first_rotation: Tensor, first_center: Tensor, max_rig_tilt: float | None) -> "PoseLimits":
         """Return the limits of a rig whose first camera these limits are of."""
@@ -71,13 +66,9 @@ class PoseLimits:
         if self.max_rig_tilt is not None:
             allowed &= _tilt(rotations[..., 2]) <= self.max_rig_tilt + margin_rad + _INSIDE
         if self.max_tilt is not None:
-            allowed &= _tilt(self._up_of_first(rotations)) <= self.max_tilt + margin_rad + _INSIDE
+            allowed &= _tilt(rotations @ self.first_rotation[:, 2]) <= self.max_tilt + margin_rad + _INSIDE
         if self.heading is not None:
-            forward = (
-                rotations[..., :2, 0]
-                if self.first_rotation is None
-                else rotations[..., :2, :] @ self.first_rotation[:, 0]
-            )
+            forward = rotations[..., :2, :] @ self.first_rotation[:, 0]
             difference = torch.atan2(forward[..., 1], forward[..., 0]) - self.heading
             wrapped = torch.atan2(difference.sin(), difference.cos()).abs()
             allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)
@@ -96,12 +87,8 @@ class PoseLimits:
         if self.max_rig_tilt is not None:
             rotations = _tilted_at_most(rotations, rotations[..., :, 2], self.max_rig_tilt)
         if self.max_tilt is not None:
-            rotations = _tilted_at_most(rotations, self._up_of_first(rotations), self.max_tilt)
+            rotations = _tilted_at_most(rotations, rotations @ self.first_rotation[:, 2], self.max_tilt)
         return rotations
-
-    def _up_of_first(self, rotations: Tensor) -> Tensor:
-        """Return the up axis (..., 3) of the first camera in the map."""
-        return rotations[..., 2] if self.first_rotation is None else rotations @ self.first_rotation[:, 2]
 
     def beyond(self, rotation: Tensor) -> bool:
         """Return whether a rotation (3, 3) tilts noticeably more than the limits allow."""
@@ -111,13 +98,13 @@ class PoseLimits:
 
     def allows_pose(self, rotation: Tensor, position: Tensor) -> bool:
         """Return whether a pose, (3, 3) map_from_camera and (3,), lies within the limits."""
-        if self.first_center is not None:
-            position = position + rotation @ self.first_center
-        return bool(self.allows_position(position)) and bool(self.allows_rotation(rotation))
+        of_first = position + rotation @ self.first_center
+        return bool(self.allows_position(of_first)) and bool(self.allows_rotation(rotation))
 
     def searched_starts(self, index: MapIndex) -> Tensor:
-        """Return which starts (T,) of a map are searched: those whose leaves, the largest of which any may stand for, the limits reach."""
-        return self.allows_position(index.starts, float(index.leaf_sizes.max()) + self.reach_m)
+        """Return which starts (T,) of a map are searched: those whose leaves, the largest of which any may stand for, the limits reach with
+        the first camera, wherever on the rig it is."""
+        return self.allows_position(index.starts, float(index.leaf_sizes.max()) + float(self.first_center.norm()))
 
 
 def _tilt(up: Tensor) -> Tensor:
@@ -136,9 +123,7 @@ def _tilted_at_most(rotations: Tensor, up: Tensor, most: float) -> Tensor:
 
 def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
     """Translate hints into the local frame of a map. Raises OptionsError for values out of range."""
-    if hints is None:
-        return PoseLimits()
-    offset = torch.from_numpy(index.origin_offset)
+    hints, offset = hints or Hints(), torch.from_numpy(index.origin_offset)
 
     def local(point: tuple[float, float, float]) -> Tensor:
         """Return a point of the scan's own frame, metres, as (3,) float32 relative to the map's origin."""

@@ -10,12 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from panoloc.core.options import Hints
-from panoloc.core.search.pose_limits import pose_limits
+from panoloc.core.search.pose_limits import PoseLimits, pose_limits
 from tests.properties.strategies import Array, finite, rotations
 
 OFFSET = np.array([1_000_000.0, -2_000_000.0, 250.0])
 MAP = SimpleNamespace(origin_offset=OFFSET)
 points = st.tuples(finite(-3, 3), finite(-3, 3), finite(-3, 3)).map(np.array)
+
+
+def limits_of(hints: Hints) -> PoseLimits:
+    """Return the limits of poses in double precision."""
+    limits = pose_limits(hints, MAP)  # type: ignore[arg-type]
+    return limits.of_rig(torch.eye(3, dtype=torch.float64), torch.zeros(3), None)
 
 
 @given(points, points, finite(0.1, 4))
@@ -40,7 +46,7 @@ def test_a_position_is_allowed_inside_the_region_alone(one: Array, other: Array,
 @given(rotations, finite(0, 180))
 def test_a_rotation_is_allowed_within_the_tilt_alone(rotation: Array, tilt: float) -> None:
     found = math.degrees(math.acos(np.clip(rotation[2, 2], -1, 1)))  # the angle between the camera's up and the map's
-    limits = pose_limits(Hints(max_tilt_deg=tilt), MAP)  # type: ignore[arg-type]
+    limits = limits_of(Hints(max_tilt_deg=tilt))
     if abs(found - tilt) > 1e-3:
         assert bool(limits.allows_rotation(torch.from_numpy(rotation))) == (found <= tilt)
 
@@ -49,7 +55,7 @@ def test_a_rotation_is_allowed_within_the_tilt_alone(rotation: Array, tilt: floa
 def test_a_rotation_is_allowed_within_the_heading_alone_unless_it_has_none(
     rotation: Array, heading: float, tolerance: float
 ) -> None:
-    limits = pose_limits(Hints(heading_deg=heading, heading_tolerance_deg=tolerance), MAP)  # type: ignore[arg-type]
+    limits = limits_of(Hints(heading_deg=heading, heading_tolerance_deg=tolerance))
     allowed = bool(limits.allows_rotation(torch.from_numpy(rotation)))
     if np.hypot(rotation[0, 0], rotation[1, 0]) < 0.05:  # looks straight up or down
         assert allowed
@@ -64,8 +70,9 @@ def test_a_rotation_is_allowed_within_the_heading_alone_unless_it_has_none(
 def test_whatever_is_allowed_is_searched(
     rotation: Array, position: Array, heading: float, tolerance: float, tilt: float
 ) -> None:
-    hints = Hints((0.0, 0.0, 0.0), 1.5, ((-1, -1, -1), (2, 2, 2)), True, tilt, heading, tolerance)
-    limits = pose_limits(hints, SimpleNamespace(origin_offset=np.zeros(3)))  # type: ignore[arg-type]
+    x, y, z = OFFSET.tolist()
+    region = (x - 1, y - 1, z - 1), (x + 2, y + 2, z + 2)
+    limits = limits_of(Hints((x, y, z), 1.5, region, True, tilt, heading, tolerance))
     turned, placed = torch.from_numpy(rotation)[None], torch.from_numpy(position)[None]
     placed_map: Any = SimpleNamespace(starts=placed, leaf_sizes=torch.tensor([0.5]))
     assert bool(limits.allows_rotation(turned, 0.1)) or not bool(limits.allows_rotation(turned))

@@ -150,14 +150,16 @@ def test_hints_of_a_rig_are_about_its_first_camera() -> None:
     first_rotation, first_center = turned(z=90.0), torch.tensor([0.5, 0.0, 0.0])
     level = PoseLimits(center=torch.tensor([2.0, 0.0, 0.0]), radius_m=0.2, heading=0.0, heading_tolerance=0.1)
     limits = level.of_rig(first_rotation, first_center, None)
-    assert limits.reach_m == pytest.approx(0.5)
     # The first camera heads where the rig does, and a quarter turn further; it stands 0.5 m from the rig's middle.
     assert limits.allows_pose(turned(z=-90.0), torch.tensor([2.0, 0.5, 0.0]))
     assert not limits.allows_pose(turned(z=-90.0), torch.tensor([2.0, 0.0, 0.0]))
     assert not limits.allows_pose(turned(), torch.tensor([1.5, 0.0, 0.0]))
     assert bool(limits.allows_rotation(turned(z=-90.0)))
     assert not bool(limits.allows_rotation(turned()))
-    assert (level.first_rotation, level.reach_m) == (None, 0.0)
+    # Of a camera alone they are about itself.
+    assert level.allows_pose(turned(), torch.tensor([2.0, 0.0, 0.0]))
+    assert not level.allows_pose(turned(), torch.tensor([1.5, 0.0, 0.0]))
+    assert not level.allows_pose(turned(z=-90.0), torch.tensor([2.0, 0.0, 0.0]))
 
 
 def test_a_rig_whose_up_axis_is_known_stays_upright_however_its_first_camera_is_held() -> None:
