@@ -11,7 +11,7 @@ from panoloc.core.config import LocalizerConfig
 from panoloc.core.decide.accuracy import Accuracy
 from panoloc.core.decide.advice import accuracy_too_low, with_advice
 from panoloc.core.decide.agreement import agreement_by_photo
-from panoloc.core.decide.change_maps import ChangeMaps, change_maps
+from panoloc.core.decide.change_maps import change_maps
 from panoloc.core.decide.confidence import alias_margins, features_of, formal_radii, load_confidence_model
 from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
 from panoloc.core.decide.verdict import Doubts, verdict
@@ -68,35 +68,32 @@ class Localizer:
             raise OptionsError(f"top_k: expected 1 to {MAX_TOP_K}, got {top_k}")
         if method not in ("fast", "paper"):
             raise OptionsError(f"method: expected fast or paper, got {method!r}")
-        clock = StageClock(timeout_s, self.device, is_cancelled)
-        if method == "fast" or rig.photos[0].hfov_range_deg is not None:
+        while True:
+            clock = StageClock(timeout_s, self.device, is_cancelled)
+            if method == "fast" or rig.photos[0].hfov_range_deg is not None:
+                with torch.inference_mode():
+                    result, cameras = self._engine.run(rig, maps, hints, clock)
+            else:
+                cameras = FoundCameras(rig)
+            if method == "paper":
+                result = self._paper.run(cameras.rig, maps, hints, clock)
             with torch.inference_mode():
-                result, cameras = self._engine.run(rig, maps, hints, clock)
-        else:
-            cameras = FoundCameras(rig)
-        if method == "paper":
-            result = self._paper.run(cameras.rig, maps, hints, clock)
-        with torch.inference_mode():
-            answer = self._answer(result, maps, method, top_k, clock, prior)
-            answer = self._for_rig(answer, cameras.rig, result.comparison)
-        answer = self._doubts.unless_plain(answer, result.edges_deg)
-        answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
-        is_left_out = result.hypotheses and not result.num_starts
-        if answer.status == "not_localized" and hints and hints.prior and is_left_out and not hints.prior.is_only:
+                answer = self._answer(result, maps, method, top_k, clock, prior)
+                answer = self._for_rig(answer, cameras.rig, result.comparison)
+            answer = self._doubts.unless_plain(answer, result.edges_deg)
+            answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
+            is_left_out = result.hypotheses and not result.num_starts
+            if (
+                answer.status != "not_localized"
+                or not is_left_out
+                or not hints
+                or not hints.prior
+                or hints.prior.is_only
+            ):
+                return with_advice(answer, rig, hints)
             # What speaks against it came up when the search had been left out.
-            anew = replace(hints, prior=None)
-            left_s = None if timeout_s is None else timeout_s - sum(answer.timings_s.values())
-            return self.localize(
-                rig,
-                maps,
-                method=method,
-                hints=anew,
-                top_k=top_k,
-                timeout_s=left_s,
-                prior=prior,
-                is_cancelled=is_cancelled,
-            )
-        return with_advice(answer, rig, hints)
+            hints = replace(hints, prior=None)
+            timeout_s = None if timeout_s is None else timeout_s - sum(answer.timings_s.values())
 
     def _answer(
         self,
@@ -122,12 +119,7 @@ class Localizer:
             places, status = judged.places, judged.status
             together = list(zip(places, judged.confidences, strict=True))[: max(top_k, judged.num_equals)]
             candidates = [_candidate(place, confidence, maps) for place, confidence in together]
-        changes: ChangeMaps | None = None
-        if result.comparison is not None and result.cloud is not None:
-            with clock.stage("change"):
-                best = places[0]
-                changes = change_maps(result.comparison, result.cloud, best.rotation, best.position, self.config.change)
-        return Localization(
+        answer = Localization(
             status=status,
             search=search,
             timings_s=clock.timings_s,
@@ -135,10 +127,6 @@ class Localizer:
             alternatives=tuple(candidates[1:]),
             accuracy_position_m=judged.accuracy.position_m,
             accuracy_orientation_deg=judged.accuracy.orientation_deg,
-            panorama_changed_fraction=changes.panorama_changed_fraction if changes else None,
-            map_changed_fraction=changes.map_changed_fraction if changes else None,
-            score_map_2d=changes.score_map_2d if changes else None,
-            score_points=changes.point_scores if changes else None,
             evidence=Evidence(
                 places[0].measures,
                 features_of(places[0], places[1:]),
@@ -147,15 +135,27 @@ class Localizer:
                 formal_radii(places[0]),
             ),
         )
+        if result.comparison is None:
+            return answer
+        with clock.stage("change"):
+            best, cloud = places[0], maps[places[0].map_number].render_cloud
+            changes = change_maps(result.comparison, cloud, best.rotation, best.position, self.config.change)
+        return replace(
+            answer,
+            panorama_changed_fraction=changes.panorama_changed_fraction,
+            map_changed_fraction=changes.map_changed_fraction,
+            score_map_2d=changes.score_map_2d,
+            score_points=changes.point_scores,
+        )
 
     def _with_cameras(self, found: Localization, cameras: FoundCameras, noise: Accuracy) -> Localization:
         """Return the answer with what is known of the cameras, and what that leaves open."""
         if cameras.are_others:
             found = replace(found, found_cameras=tuple(photo.camera for photo in cameras.rig.photos))
         if cameras.warnings and found.status != "not_localized":
-            found = replace(found, warnings=(*found.warnings, *cameras.warnings))
+            found = found.warned(*cameras.warnings)
         if found.status == "not_localized" and noise.share_right < self._confidence.threshold:
-            found = replace(found, warnings=(*found.warnings, accuracy_too_low(cameras.rig)))
+            found = found.warned(accuracy_too_low(cameras.rig))
         return found
 
     def _for_rig(self, found: Localization, rig: Rig, comparison: Comparison | None) -> Localization:
@@ -163,11 +163,6 @@ class Localizer:
         if found.best is None:
             return found
         first, rig_from_session = rig.images[0].session_from_camera, rig.session_from_rig.inverse()
-
-        def of_first(candidate: Candidate) -> Candidate:
-            """Return the candidate with the pose of the first image in place of the rig's."""
-            return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
-
         map_from_session = found.best.pose.after(rig_from_session)
         agreements = agreement_by_photo(comparison, len(rig.images), self.config.descriptors)
         images = [
@@ -175,14 +170,8 @@ class Localizer:
             for image, agrees in zip(rig.images, agreements, strict=True)
         ]
         found = self._doubts.unless_contradicted(found, agreements)
-        assert found.best is not None
-        return replace(
-            found,
-            best=of_first(found.best),
-            alternatives=tuple(map(of_first, found.alternatives)),
-            map_from_session=map_from_session,
-            images=tuple(images),
-        )
+        found = found.with_each(lambda one: replace(one, pose=one.pose.after(rig_from_session).after(first)))
+        return replace(found, map_from_session=map_from_session, images=tuple(images))
 
 
 def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:

@@ -19,7 +19,7 @@ from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vecto
 from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints, Method
 from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.remarks import Remark
-from panoloc.core.results import Candidate, Localization
+from panoloc.core.results import Localization
 from panoloc.core.search.retrieval import scores_of_maps
 
 
@@ -114,7 +114,7 @@ def localize_among(
         found = _better(found, _numbered(answer, numbers, total))
     assert found is not None, "there is at least one map"
     if found.status == "not_localized" and total > portions[-1]:
-        found = replace(found, warnings=(*found.warnings, _left_out(portions[-1], total)))
+        found = found.warned(_left_out(portions[-1], total))
     return replace(found, timings_s=dict(timings_s))
 
 
@@ -140,14 +140,8 @@ def _most_tilt(rig: Rig, hints: Hints | None, is_wide: bool, level_tilt_deg: flo
 
 def _numbered(found: Localization, numbers: Sequence[int], num_maps: int) -> Localization:
     """Return an answer about some of the maps, with their numbers among all."""
-
-    def of_all(candidate: Candidate) -> Candidate:
-        """Return a candidate with the number of its map among all."""
-        return replace(candidate, map_position=numbers[candidate.map_position])
-
-    best = None if found.best is None else of_all(found.best)
-    alternatives = tuple(map(of_all, found.alternatives))
-    return replace(found, best=best, alternatives=alternatives, search=replace(found.search, num_maps=num_maps))
+    found = found.with_each(lambda one: replace(one, map_position=numbers[one.map_position]))
+    return replace(found, search=replace(found.search, num_maps=num_maps))
 
 
 def _places(found: Localization) -> set[int]:

@@ -1,7 +1,7 @@
 """What a localization returns."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -103,6 +103,15 @@ class Localization:
     map_from_session: Pose | None = None
     images: tuple[FoundImage, ...] = ()
     found_cameras: tuple[Camera, ...] = ()
+
+    def warned(self, *remarks: Remark) -> "Localization":
+        """Return the answer with further warnings."""
+        return replace(self, warnings=(*self.warnings, *remarks))
+
+    def with_each(self, change: Callable[[Candidate], Candidate]) -> "Localization":
+        """Return the answer with all candidates changed."""
+        best = None if self.best is None else change(self.best)
+        return replace(self, best=best, alternatives=tuple(map(change, self.alternatives)))
 
     @cached_property
     def point_scores(self) -> NDArray[np.float32] | None:

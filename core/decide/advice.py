@@ -1,7 +1,5 @@
 """What a caller may do about an answer that does not tell a place."""
 
-from dataclasses import replace
-
 from panoloc.core.camera.rig import Rig
 from panoloc.core.options import Hints
 from panoloc.core.remarks import Remark
@@ -49,12 +47,11 @@ _CAMERAS_MAY_BE_WRONG = Remark(
 
 def with_advice(found: Localization, rig: Rig, hints: Hints | None) -> Localization:
     """Return the answer with what to do where it tells no place or several, and with what of the images was left out."""
-    warnings = found.warnings
-    if found.status == "not_localized" and not warnings:
-        warnings = why_nothing_fits(rig, hints)
+    if found.status == "not_localized" and not found.warnings:
+        found = found.warned(*why_nothing_fits(rig, hints))
     if found.status == "ambiguous":
-        warnings = (*warnings, _PLACES_LOOK_ALIKE)
-    return replace(found, warnings=(*warnings, *(Remark("regions_ignored", words) for words in rig.left_out)))
+        found = found.warned(_PLACES_LOOK_ALIKE)
+    return found.warned(*(Remark("regions_ignored", words) for words in rig.left_out))
 
 
 def accuracy_too_low(rig: Rig) -> Remark:

@@ -13,7 +13,6 @@ from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.refine.refinement import Refined
 from panoloc.core.render.comparison import Comparison
-from panoloc.core.render.render_cloud import RenderCloud
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,6 @@ class MethodResult:
 
     hypotheses: list[Hypothesis]
     comparison: Comparison | None
-    cloud: RenderCloud | None
     num_starts: int
     num_poses: int
     num_rotations: int

@@ -80,8 +80,8 @@ class Doubts:
         judge = self._config
         known = [k for k, each in enumerate(agreements) if each is not None]
         doubtful = [k for k, each in enumerate(agreements) if each is not None and each.contradicts(judge)]
-        best, count, is_lost = found.best, len(agreements), found.status == "not_localized"
-        if best is None or count == 1 or (is_lost and doubtful == known):
+        count, is_lost = len(agreements), found.status == "not_localized"
+        if found.best is None or count == 1 or (is_lost and doubtful == known):
             return found  # of another place, all of them: nothing that some of them contradict
         share = len(doubtful) / count
         is_refused = not is_lost and (share > judge.contradicting_share or 0 in doubtful)
@@ -90,8 +90,8 @@ class Doubts:
         blamed = outside or doubtful
         if not blamed:
             return found
-        found = replace(found, warnings=(*found.warnings, _contradiction(blamed, count, bool(outside))))
-        return self._refused(found, best.confidence * (1 - share)) if is_refused else found
+        found = found.warned(_contradiction(blamed, count, bool(outside)))
+        return self._refused(found, 1 - share) if is_refused else found
 
     def unless_plain(self, found: Localization, edges_deg: float | None) -> Localization:
         """Return the answer, not localized where images show hardly any edges: a plain wall in soft light fits in many places, and which of
@@ -101,8 +101,7 @@ class Doubts:
         words = (
             "the image shows next to no edges, as a plain wall does; only one that shows more of the place can be found"
         )
-        confidence = 0.0 if found.best is None else found.best.confidence
-        return self._refused(found, confidence, Remark("turn_more", words))
+        return self._refused(found.warned(Remark("turn_more", words)))
 
     def unless_at_bound(self, found: Localization, bound_deg: float | None) -> Localization:
         """Return the answer, not localized where the photo fits best with a field of view at one of the bounds that it was searched
@@ -112,19 +111,16 @@ class Doubts:
         at_bound = f"when it is {bound_deg:g} degrees wide, a bound of the range (hfov_range_deg, --hfov)"
         if found.status == "not_localized":
             lost = f"nothing fits well enough; what fits best does so {at_bound}: widen it if the photo may lie beyond"
-            return replace(found, warnings=(*found.warnings, Remark("widen_hfov_range", lost)))
-        confidence = 0.0 if found.best is None else found.best.confidence
-        words = f"the photo fits best {at_bound}; widen it"
-        return self._refused(found, confidence, Remark("widen_hfov_range", words))
+            return found.warned(Remark("widen_hfov_range", lost))
+        return self._refused(found.warned(Remark("widen_hfov_range", f"the photo fits best {at_bound}; widen it")))
 
-    def _refused(self, found: Localization, confidence: float, warning: Remark | None = None) -> Localization:
-        """Return the answer as one that is not localized, no surer than that and half the threshold; nor are its alternatives."""
+    def _refused(self, found: Localization, share: float = 1.0) -> Localization:
+        """Return the answer as one that is not localized, no surer than a share of what it was and half the threshold; nor are its
+        alternatives."""
         assert found.best is not None
-        most = min(confidence, self._threshold / 2)
-        others = tuple(replace(other, confidence=min(other.confidence, most)) for other in found.alternatives)
-        warnings = found.warnings if warning is None else (*found.warnings, warning)
-        best = replace(found.best, confidence=most)
-        return replace(found, status="not_localized", best=best, alternatives=others, warnings=warnings)
+        most = min(found.best.confidence * share, self._threshold / 2)
+        found = found.with_each(lambda one: replace(one, confidence=min(one.confidence, most)))
+        return replace(found, status="not_localized")
 
 
 def _contradiction(doubtful: Sequence[int], count: int, are_outside: bool) -> Remark:

@@ -53,11 +53,10 @@ class PaperMethod:
             hypotheses += [h for h in found if query.allows(h)]
         hypotheses.sort(key=lambda h: h.loss)
         if not hypotheses:
-            return MethodResult([], None, None, num_starts, num_poses, self.config.num_rotations)
+            return MethodResult([], None, num_starts, num_poses, self.config.num_rotations)
         with clock.stage("judge"):  # which leaves the order that of the losses
             judged, comparisons = zip(*(queries[h.map_number].judge_alone(h) for h in hypotheses), strict=True)
-        cloud = maps[hypotheses[0].map_number].render_cloud
-        return MethodResult(list(judged), comparisons[0], cloud, num_starts, num_poses, self.config.num_rotations)
+        return MethodResult(list(judged), comparisons[0], num_starts, num_poses, self.config.num_rotations)
 
     def _searched(self, index: MapIndex, limits: PoseLimits) -> tuple[Tensor, Tensor]:
         """Return the starts (T, 3), N_t of the allowed ones evenly chosen, and the rotations (R, 3, 3)."""

@@ -57,7 +57,6 @@ class Engine:
         result = MethodResult(
             contest.hypotheses,
             contest.comparison,
-            own.index.render_cloud if contest.hypotheses else None,
             num_starts,
             num_poses,
             self.config.search.rotations_with(self.config.search.halvings(own.rig.is_wide)),
