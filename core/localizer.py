@@ -8,12 +8,11 @@ import torch
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.accuracy import Accuracy
 from panoloc.core.decide.advice import accuracy_too_low, with_advice
 from panoloc.core.decide.agreement import agreement_by_photo
 from panoloc.core.decide.change_maps import change_maps
 from panoloc.core.decide.confidence import alias_margins, features_of, formal_radii, load_confidence_model
-from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
+from panoloc.core.decide.hypotheses import Accuracy, Hypothesis, MethodResult
 from panoloc.core.decide.verdict import Doubts, verdict
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
@@ -106,7 +105,7 @@ class Localizer:
     ) -> Localization:
         """Turn hypotheses into an answer with confidence, accuracy and change maps."""
         search = SearchSummary(method, len(maps), result.num_starts, result.num_rotations, result.num_poses)
-        if not result.hypotheses:
+        if result.comparison is None:
             reason: Reason = "nothing_in_reach" if result.num_poses else "widen_hints"
             words = (
                 "no pose in reach of the scan and within the hints fits after refinement; widen these or leave them out"
@@ -119,7 +118,10 @@ class Localizer:
             places, status = judged.places, judged.status
             together = list(zip(places, judged.confidences, strict=True))[: max(top_k, judged.num_equals)]
             candidates = [_candidate(place, confidence, maps) for place, confidence in together]
-        answer = Localization(
+        with clock.stage("change"):
+            best, cloud = places[0], maps[places[0].map_number].render_cloud
+            changes = change_maps(result.comparison, cloud, best.rotation, best.position, self.config.change)
+        return Localization(
             status=status,
             search=search,
             timings_s=clock.timings_s,
@@ -127,25 +129,17 @@ class Localizer:
             alternatives=tuple(candidates[1:]),
             accuracy_position_m=judged.accuracy.position_m,
             accuracy_orientation_deg=judged.accuracy.orientation_deg,
-            evidence=Evidence(
-                places[0].measures,
-                features_of(places[0], places[1:]),
-                alias_margins(places[0], places[1:]),
-                max((h.score for h in places[1:]), default=None),
-                formal_radii(places[0]),
-            ),
-        )
-        if result.comparison is None:
-            return answer
-        with clock.stage("change"):
-            best, cloud = places[0], maps[places[0].map_number].render_cloud
-            changes = change_maps(result.comparison, cloud, best.rotation, best.position, self.config.change)
-        return replace(
-            answer,
             panorama_changed_fraction=changes.panorama_changed_fraction,
             map_changed_fraction=changes.map_changed_fraction,
             score_map_2d=changes.score_map_2d,
             score_points=changes.point_scores,
+            evidence=Evidence(
+                best.measures,
+                features_of(best, places[1:]),
+                alias_margins(best, places[1:]),
+                max((h.score for h in places[1:]), default=None),
+                formal_radii(best),
+            ),
         )
 
     def _with_cameras(self, found: Localization, cameras: FoundCameras, noise: Accuracy) -> Localization:
@@ -160,7 +154,7 @@ class Localizer:
 
     def _for_rig(self, found: Localization, rig: Rig, comparison: Comparison | None) -> Localization:
         """Return the answer with poses of the first image, and those of all images at the best pose."""
-        if found.best is None:
+        if found.best is None or comparison is None:
             return found
         first, rig_from_session = rig.images[0].session_from_camera, rig.session_from_rig.inverse()
         map_from_session = found.best.pose.after(rig_from_session)

@@ -21,11 +21,9 @@ from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.render.comparison import Comparison
 
 
-def correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joint_channels: bool = False) -> Tensor:
-    """Return weighted correlations (..., C), or (..., 1) over all channels together, of (..., S, C) with shares (..., S).
-
-    `floor` is a variance below which contrast is noise.
-    """
+def correlation(first: Tensor, second: Tensor, share: Tensor, joint_channels: bool = False) -> Tensor:
+    """Return weighted correlations (..., C), or (..., 1) over all channels together, of (..., S, C) with shares (..., S); contrast that is
+    noise is little correlated."""
     weight = share[..., None]
     first = first - (weight * first).sum(-2, keepdim=True)
     second = second - (weight * second).sum(-2, keepdim=True)
@@ -34,15 +32,15 @@ def correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, join
     if joint_channels:
         covariance = covariance.sum(-1, keepdim=True)
         variances = variances[0].sum(-1, keepdim=True), variances[1].sum(-1, keepdim=True)
-    return covariance / ((variances[0] + floor) * (variances[1] + floor)).sqrt()
+    return covariance / ((variances[0] + CONTRAST.noise) * (variances[1] + CONTRAST.noise)).sqrt()
 
 
-def correlation_in_patches(patches: Tensor, floor: float) -> tuple[Tensor, Tensor]:
+def correlation_in_patches(patches: Tensor) -> tuple[Tensor, Tensor]:
     """Return the correlation (K, P) inside each of the patches (K, P, S, 7), of colours, colours and shares, and their shares (K, P)."""
     weight = patches[..., 6]
     mass = weight.sum(-1)
     share = weight / mass.clamp_min(1e-12)[..., None]
-    inside = correlation(patches[..., :3], patches[..., 3:6], share, floor, joint_channels=True)
+    inside = correlation(patches[..., :3], patches[..., 3:6], share, joint_channels=True)
     return inside[..., 0], mass
 
 
@@ -103,13 +101,13 @@ def _measured(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor
     pixel_share = comparison.weights / total
     sides = torch.cat((scan, seen, pixel_share[..., None]), dim=-1)
     # In patches that begin in the middle of those as well: a photo has thirty, and where their borders lie decides much.
-    first = correlation_in_patches(in_patches(sides, window, side), CONTRAST.noise)
-    again = correlation_in_patches(in_patches(sides, window, side, side // 2), CONTRAST.noise)
+    first = correlation_in_patches(in_patches(sides, window, side))
+    again = correlation_in_patches(in_patches(sides, window, side, side // 2))
     inside, mass = torch.cat((first[0], again[0]), dim=1), torch.cat((first[1], again[1]), dim=1) / 2
     # Of what a patch shows, in standard deviations. Where much has changed, averages of correlations reward poses at which everything
     # agrees a little; this rewards those at which something agrees.
     explained = ((1 - (1 - inside.clamp(0, 1).square()).sqrt()) * mass).sum(-1)
-    of_all = correlation(scan, seen, pixel_share, CONTRAST.noise).mean(-1)
+    of_all = correlation(scan, seen, pixel_share).mean(-1)
     return total[:, 0], of_all, (inside * mass).sum(-1), explained
 
 
@@ -149,12 +147,8 @@ class PhotoAgreement:
         return self.explained < config.least_explained * (self.contrast - math.sqrt(CONTRAST.noise))
 
 
-def agreement_by_photo(
-    comparison: Comparison | None, count: int, config: DescriptorConfig
-) -> list[PhotoAgreement | None]:
+def agreement_by_photo(comparison: Comparison, count: int, config: DescriptorConfig) -> list[PhotoAgreement | None]:
     """Return how each of `count` photos agrees with the scan at the one pose compared; None where nothing is in view."""
-    if comparison is None:
-        return [None] * count
     each = [replace(comparison, weights=comparison.weights * (comparison.image == number)) for number in range(count)]
     return [_of_photo(alone, config.patch_deg) if float(alone.weights.sum()) > 0 else None for alone in each]
 

@@ -14,8 +14,7 @@ from importlib import resources
 import torch
 
 from panoloc.core.config import DISTANCES
-from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
-from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.decide.hypotheses import NO_NOISE, Accuracy, Hypothesis
 from panoloc.core.refine.refinement import NOWHERE
 
 _GOOD_THICKNESS_M = 0.004  # of surfaces of a scan whose stations fit each other

@@ -1,4 +1,4 @@
-"""Hypotheses: poses on their way through the stages of a method."""
+"""Hypotheses: poses on their way through the stages of a method; and how far off they may be."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from panoloc.core.config import PoseDistance
-from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
+from panoloc.core.config import DISTANCES, PoseDistance
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.refine.refinement import Refined
 from panoloc.core.render.comparison import Comparison
+
+_HELD = 0.68  # of the poses are within their radii
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,38 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
+class Accuracy:
+    """68 % radii: position (metres) and orientation (degrees); None where a method gives no curvature."""
+
+    position_m: float | None
+    orientation_deg: float | None
+
+    def with_noise(self, noise: "Accuracy") -> "Accuracy":
+        """Return the radii with further errors, in quadrature."""
+        if self.position_m is None or self.orientation_deg is None:
+            return self
+        position_m = math.hypot(self.position_m, noise.position_m or 0.0)
+        return Accuracy(position_m, min(math.hypot(self.orientation_deg, noise.orientation_deg or 0.0), 180.0))
+
+    @property
+    def share_right(self) -> float:
+        """Return the share of poses with these radii that are right, errors being normal in the plane; 1 where a radius is not known.
+
+        Nothing is surer to be right than its radius allows.
+        """
+        right = DISTANCES.right
+        known = ((right.distance_m, self.position_m), (right.angle_deg, self.orientation_deg))
+        shares = [1 - (1 - _HELD) ** ((limit / radius) ** 2) for limit, radius in known if radius]
+        return min(shares, default=1.0)
+
+
+NO_NOISE = Accuracy(0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class MethodResult:
-    """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log.
+    """What a method returns: hypotheses, best first; the comparison of the best one, where there is any, with its scan at full size; and
+    counts for the log.
 
     edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels. noise: what tracking and focal length
     add to the errors of the best pose.

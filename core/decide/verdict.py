@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from panoloc.core.config import DISTANCES, JudgeConfig
-from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.agreement import PhotoAgreement
 from panoloc.core.decide.confidence import ConfidenceModel
-from panoloc.core.decide.hypotheses import Hypothesis, distinct
+from panoloc.core.decide.hypotheses import NO_NOISE, Accuracy, Hypothesis, distinct
 from panoloc.core.options import Status
 from panoloc.core.remarks import Remark
 from panoloc.core.results import Localization

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import DISTANCES, LocalizerConfig
-from panoloc.core.decide.accuracy import Accuracy
 from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import (
+    Accuracy,
     Hypothesis,
     by_map,
     by_score,

@@ -12,12 +12,11 @@ from itertools import zip_longest
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.accuracy import NO_NOISE
 from panoloc.core.decide.confidence import ConfidenceModel
-from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
+from panoloc.core.decide.hypotheses import NO_NOISE, Hypothesis, MethodResult
 from panoloc.core.decide.verdict import Verdict, verdict
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import Hints, Status
+from panoloc.core.options import Hints
 from panoloc.core.query.contest import Contest
 from panoloc.core.query.focal_lengths import FoundCameras, found_cameras, guesses
 from panoloc.core.query.map_query import prepare_queries
@@ -47,7 +46,8 @@ class Engine:
         if contest is None:
             contest, num_starts, num_poses = self._search(contests, clock)
         queries = contest.queries
-        if self.status(contest) != "not_localized" and not (hints is not None and hints.has_only_prior):
+        is_told = bool(contest.hypotheses) and self._verdict(contest).status != "not_localized"
+        if is_told and not (hints is not None and hints.has_only_prior):
             with clock.stage("search"):
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
             if aliases:
@@ -113,10 +113,6 @@ class Engine:
 
     def _verdict(self, contest: Contest) -> Verdict:
         return verdict(contest.hypotheses, self.confidence, NO_NOISE if contest.is_guess else contest.noise)
-
-    def status(self, contest: Contest) -> Status:
-        """Return what would be said of the best of hypotheses."""
-        return self._verdict(contest).status if contest.hypotheses else "not_localized"
 
     def is_sure(self, contest: Contest) -> bool:
         """Return whether the best hypothesis leaves nothing to search for; of equal places none is so sure."""

@@ -68,7 +68,7 @@ class Refinement:
             level = rig.colors.level_with(tables, doubled * rig.finer * sizes.fine_rows, sizes.contrast / 4)
             (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
         # How sharp the loss of the images is there, limits aside, says how far off the pose may be.
-        (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None, is_free=True)
+        (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None)
         beyond = self.queries[0].limits.beyond(there.rotation)
         return replace(
             there,
@@ -108,13 +108,12 @@ class Refinement:
         iterations: int,
         step: StepConfig,
         stop: StoppingRule | None,
-        is_free: bool = False,
     ) -> list[Hypothesis]:
-        """Refine hypotheses of maps that share colours, within the limits of tilts unless they are free."""
+        """Refine hypotheses of maps that share colours, within the limits of tilts; without a rule to stop, whatever these are."""
         rotations, positions = stacked_poses(group)
         rig = self.queries[group[0].map_number].rig
         numbers = rig.numbers_of([h.map_number for h in group])
-        within, focals, bounds = None if is_free else self._within, rig.log_focals(group), None
+        within, focals, bounds = None if stop is None else self._within, rig.log_focals(group), None
         if focals is not None and rig.prior is not None:
             focal = self.config.focal
             bounds, step, iterations = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
+from panoloc.core.decide.hypotheses import NO_NOISE, Accuracy
 
 
 @pytest.mark.parametrize(

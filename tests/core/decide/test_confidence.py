@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 import torch
 
-from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.confidence import (
     FEATURES,
     ConfidenceModel,
@@ -17,7 +16,7 @@ from panoloc.core.decide.confidence import (
     formal_radii,
     load_confidence_model,
 )
-from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.decide.hypotheses import NO_NOISE, Accuracy, Hypothesis
 from tests.core.found_pose import known
 
 FLAT = RadiusModel(0.0, 0.0, 0.0, 0.0, 0.0)

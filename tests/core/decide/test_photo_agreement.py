@@ -87,4 +87,3 @@ def test_the_more_a_photo_shows_the_more_of_it_the_scan_has_to_explain(
 
 def test_nothing_is_told_of_a_photo_that_shows_nothing_of_the_scan() -> None:
     assert agreement_by_photo(compared(SESSION), 3, DESCRIPTORS)[2] is None
-    assert agreement_by_photo(None, 2, DESCRIPTORS) == [None, None]

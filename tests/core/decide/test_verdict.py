@@ -6,9 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from panoloc.core.decide.accuracy import NO_NOISE, Accuracy
 from panoloc.core.decide.confidence import FEATURES, ConfidenceModel, RadiusModel
-from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.decide.hypotheses import NO_NOISE, Accuracy, Hypothesis
 from panoloc.core.decide.verdict import Verdict, verdict
 
 # What agrees by 0.9 is sure to 4 alone, in logits, and to 0.847 at the threshold; what a rival takes of it depends on how near it comes; an

@@ -10,8 +10,7 @@ import torch
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.accuracy import NO_NOISE
-from panoloc.core.decide.hypotheses import Hypothesis
+from panoloc.core.decide.hypotheses import NO_NOISE, Hypothesis
 from panoloc.core.query.contest import Contest
 from panoloc.core.query.focal_lengths import FocalPrior
 from panoloc.core.search.pose_limits import PoseLimits

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.accuracy import Accuracy
 from panoloc.core.decide.confidence import load_confidence_model
+from panoloc.core.decide.hypotheses import Accuracy
 from panoloc.core.decide.verdict import Verdict
 from panoloc.core.options import Status
 from panoloc.core.query.engine import Engine
