@@ -2,18 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import torch
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.advice import accuracy_too_low, with_advice
 from panoloc.core.decide.agreement import agreement_by_photo
 from panoloc.core.decide.change_maps import change_maps
 from panoloc.core.decide.confidence import alias_margins, features_of, formal_radii, load_confidence_model
 from panoloc.core.decide.hypotheses import Accuracy, Hypothesis, MethodResult
-from panoloc.core.decide.verdict import Doubts, verdict
+from panoloc.core.decide.verdict import Doubts, accuracy_too_low, verdict, with_advice
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_index import MapIndex
@@ -170,7 +168,9 @@ class Localizer:
 
 def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:
     index = maps[hypothesis.map_number]
-    pose = Pose(_orthonormal(hypothesis.rotation), hypothesis.position.double().cpu().numpy() + index.origin_offset)
+    # The nearest rotation: products of float32 rotations drift by 1e-6.
+    u, _, vt = torch.linalg.svd(hypothesis.rotation.double().cpu())
+    pose = Pose((u @ vt).numpy(), hypothesis.position.double().cpu().numpy() + index.origin_offset)
     return Candidate(
         pose=pose,
         map_position=hypothesis.map_number,
@@ -180,9 +180,3 @@ def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapInde
         color_model="labels" if index.labels is not None else hypothesis.color_model,
         num_iterations=hypothesis.iterations,
     )
-
-
-def _orthonormal(rotation: torch.Tensor) -> Any:
-    """Return the nearest rotation (3, 3) float64 as numpy: products of float32 rotations drift by 1e-6."""
-    u, _, vt = torch.linalg.svd(rotation.double().cpu())
-    return (u @ vt).numpy()

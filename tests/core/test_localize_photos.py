@@ -11,7 +11,7 @@ import pytest
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Rig, RigImage
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.advice import why_nothing_fits
+from panoloc.core.decide.verdict import why_nothing_fits
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.localizer import Localizer
