@@ -47,8 +47,15 @@ def scores_of_maps(
     step = queries.abs().max().clamp_min(1e-9) / most
     queries = (queries / step).round()
     numbers = torch.tensor([known.index(turn) for turn in turns])
-    best = _compiled(queries, numbers, maps) if has_kernels_for(queries) else _products(queries, numbers, maps)
-    sizes = torch.tensor([len(one) for one in maps], device=best.device)
+    sizes = torch.tensor([len(one) for one in maps], device=queries.device)
+    # The best product (N,) of each start of all maps with the vectors of the rig.
+    if has_kernels_for(queries):
+        best, addresses = queries.new_empty(int(sizes.sum())), torch.tensor([one.steps.data_ptr() for one in maps])
+        given = addresses, sizes, sizes.cumsum(0) - sizes, numbers, len(maps)
+        call("retrieval_scores", *given, queries.to(torch.int16), *queries.shape[1:], best)
+    else:
+        pairs = zip(maps, numbers.tolist(), strict=True)
+        best = torch.cat([(one.steps.to(queries.dtype) @ queries[number].T).amax(1) for one, number in pairs])
     owner = torch.arange(len(maps), device=best.device).repeat_interleave(sizes)
     scores = best * torch.cat([one.scale for one in maps]) * step
     return scores.new_full((len(maps),), -math.inf).scatter_reduce(0, owner, scores, "amax")
@@ -79,20 +86,3 @@ def _vectors_of(patches: DescribedPatches, rotations: Tensor) -> Tensor:
     shown = weighted.new_zeros((len(rotations), len(patches.grid), weighted.shape[1]))
     towards = patches.towards(rotations)[..., None].expand(-1, -1, weighted.shape[1])
     return shown.scatter_add_(1, towards, weighted.expand(len(rotations), -1, -1)).flatten(1)
-
-
-def _compiled(queries: Tensor, numbers: Tensor, maps: Sequence[RetrievalVectors]) -> Tensor:
-    """Return the best product (N,) of each start of all maps with a query's vectors (Q, R, P D), those numbered for its map (M,), by the
-    kernel."""
-    sizes = torch.tensor([len(one) for one in maps])
-    addresses = torch.tensor([one.steps.data_ptr() for one in maps])
-    scores = queries.new_empty(int(sizes.sum()))
-    given = addresses, sizes, sizes.cumsum(0) - sizes, numbers, len(maps)
-    call("retrieval_scores", *given, queries.to(torch.int16), *queries.shape[1:], scores)
-    return scores
-
-
-def _products(queries: Tensor, numbers: Tensor, maps: Sequence[RetrievalVectors]) -> Tensor:
-    """Return the same by products of matrices."""
-    pairs = zip(maps, numbers.tolist(), strict=True)
-    return torch.cat([(one.steps.to(queries.dtype) @ queries[number].T).amax(1) for one, number in pairs])
