@@ -20,7 +20,7 @@ from panoloc.core.decide.hypotheses import (
     with_aliases,
     within_margin,
 )
-from panoloc.core.query.focal_lengths import focal_uncertainty
+from panoloc.core.query.focal_lengths import focal_uncertainty, with_other_focal_lengths
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.refinement import Refinement
 from panoloc.core.refine.step import PointPlanes
@@ -93,9 +93,10 @@ class Contest:
             return
         best, comparison, losers = self.hypotheses[0], self.comparison, []
         query = self.queries[best.map_number]
+        axis = query.rig.pyramid.rotations[0][:, 0]
         while True:  # each time the best fits better than before
             with self.clock.stage("refine"):
-                tried = self.refinement.medium(query.with_other_focal_lengths(best, comparison))
+                tried = self.refinement.medium(with_other_focal_lengths(best, comparison, prior, axis, focal))
             with self.clock.stage("judge"):
                 tried = [h for h in self._judged(tried) if query.allows(h)]
             fulls = self._refined_fully(tried[:1])

@@ -19,7 +19,7 @@ from panoloc.core.image.photo_window import shown_share
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints
-from panoloc.core.query.focal_lengths import focal_prior, with_other_focal_lengths
+from panoloc.core.query.focal_lengths import focal_prior
 from panoloc.core.refine.aligned_points import (
     LookDirections,
     StartViews,
@@ -134,13 +134,6 @@ class MapQuery:
     def search(self) -> MapSearch:
         """Return the map, ready to be searched."""
         return MapSearch(self.rig.described, self.index, self.lines, self.rig.is_wide, self.config.search)
-
-    def with_other_focal_lengths(self, best: Hypothesis, comparison: Comparison) -> list[Hypothesis]:
-        """Return where the camera of a pose would stand with the other focal lengths that it may have; comparison: of that pose alone."""
-        if self.rig.prior is None:
-            return []
-        axis = self.rig.pyramid.rotations[0][:, 0]
-        return with_other_focal_lengths(best, comparison, self.rig.prior, axis, self.config.focal)
 
     def allows(self, hypothesis: Hypothesis) -> bool:
         """Return whether the hints allow the pose."""

@@ -58,6 +58,13 @@ class Refinement:
         return replace(hypothesis, position=torch.tensor([self.moves[x], 0, 0])) if x in self.moves else hypothesis
 
 
+@pytest.fixture(autouse=True)
+def other_focal_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the comparisons of these tests say where a camera would stand with other focal lengths."""
+    steps = "panoloc.core.query.contest.with_other_focal_lengths"
+    monkeypatch.setattr(steps, lambda best, comparison, *known: comparison.others(best.log_focal))
+
+
 def contest_of(
     allows: Callable[[Hypothesis], bool] = lambda hypothesis: True,
     moves: dict[float, float] | None = None,
@@ -67,15 +74,21 @@ def contest_of(
     """Return a contest in one map, whose judge halves scores at the end; and what each stage of refinement has seen."""
 
     def judge_alone(hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
-        return replace(hypothesis, score=SMALLER * hypothesis.score), SimpleNamespace(of=hypothesis)
+        return replace(hypothesis, score=SMALLER * hypothesis.score), SimpleNamespace(of=hypothesis, others=others)
 
     query: Any = SimpleNamespace(
         judge=lambda group, is_first: list(group),
         judge_alone=judge_alone,
         allows=allows,
         limits=PoseLimits(),
-        rig=SimpleNamespace(finer=1, rows=64, patch_deg=22.5, share=1.0, prior=FocalPrior(-0.1, 0.8, is_stated=True)),
-        with_other_focal_lengths=lambda best, comparison: others(best.log_focal),
+        rig=SimpleNamespace(
+            finer=1,
+            rows=64,
+            patch_deg=22.5,
+            share=1.0,
+            prior=FocalPrior(-0.1, 0.8, is_stated=True),
+            pyramid=SimpleNamespace(rotations=torch.eye(3)[None]),
+        ),
     )
     config = LocalizerConfig()
     contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
