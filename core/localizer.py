@@ -19,7 +19,6 @@ from panoloc.core.options import MAX_TOP_K, Hints, Method
 from panoloc.core.paper.paper_method import PaperMethod
 from panoloc.core.query.engine import Engine
 from panoloc.core.query.focal_lengths import FoundCameras
-from panoloc.core.remarks import Reason, Remark
 from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.core.stage_clock import StageClock
@@ -104,13 +103,7 @@ class Localizer:
         """Turn hypotheses into an answer with confidence, accuracy and change maps."""
         search = SearchSummary(method, len(maps), result.num_starts, result.num_rotations, result.num_poses)
         if result.comparison is None:
-            reason: Reason = "nothing_in_reach" if result.num_poses else "widen_hints"
-            words = (
-                "no pose in reach of the scan and within the hints fits after refinement; widen these or leave them out"
-                if result.num_poses
-                else "the hints leave no pose to search; widen them or leave them out"
-            )
-            return Localization("not_localized", search, clock.timings_s, warnings=(Remark(reason, words),))
+            return Localization("not_localized", search, clock.timings_s)
         with clock.stage("confidence"):
             judged = verdict(result.hypotheses, self._confidence, result.noise, prior)
             places, status = judged.places, judged.status

@@ -24,6 +24,11 @@ _HINTS_MAY_BE_WRONG = Remark(
     "widen_hints",
     "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out",
 )
+_HINTS_LEAVE_NOTHING = Remark("widen_hints", "the hints leave no pose to search; widen them or leave them out")
+_NOTHING_IN_REACH = Remark(
+    "nothing_in_reach",
+    "no pose in reach of the scan fits after refinement; the camera may have been outside of it",
+)
 _PANORAMA_MAY_BE_WRONG = Remark(
     "check_image",
     "no pose fits the panorama well enough; if it shows this place, much of what it shows has changed, or it is no full sphere: "
@@ -181,7 +186,9 @@ def _contradiction(doubtful: Sequence[int], count: int, are_outside: bool) -> Re
 
 def with_advice(found: Localization, rig: Rig, hints: Hints | None) -> Localization:
     """Return the answer with what to do where it tells no place or several, and with what of the images was left out."""
-    if found.status == "not_localized" and not found.warnings:
+    if found.best is None:
+        found = found.warned(*why_there_is_no_pose(found.search.num_poses, hints))
+    elif found.status == "not_localized" and not found.warnings:
         found = found.warned(*why_nothing_fits(rig, hints))
     if found.status == "ambiguous":
         found = found.warned(_PLACES_LOOK_ALIKE)
@@ -191,6 +198,14 @@ def with_advice(found: Localization, rig: Rig, hints: Hints | None) -> Localizat
 def accuracy_too_low(rig: Rig) -> Remark:
     """Say what is not known well enough of a rig to say where its first image was taken."""
     return _FOCAL_LENGTH_IS_UNKNOWN if len(rig.images) == 1 else _NOISE_IS_TOO_LARGE
+
+
+def why_there_is_no_pose(num_poses: int, hints: Hints | None) -> tuple[Remark, ...]:
+    """Say what may be wrong where a search of so many poses left none."""
+    if num_poses == 0:
+        return (_HINTS_LEAVE_NOTHING,)
+    is_narrowed = hints is not None and hints.is_narrowing
+    return (_NOTHING_IN_REACH, _HINTS_MAY_BE_WRONG) if is_narrowed else (_NOTHING_IN_REACH,)
 
 
 def why_nothing_fits(rig: Rig, hints: Hints | None) -> tuple[Remark, ...]:

@@ -11,7 +11,7 @@ import pytest
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Rig, RigImage
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.verdict import why_nothing_fits
+from panoloc.core.decide.verdict import why_nothing_fits, why_there_is_no_pose
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.localizer import Localizer
@@ -214,3 +214,10 @@ def test_what_fits_nowhere_is_said_with_what_may_be_wrong() -> None:
     searched = Rig.of_photo(replace(one.photos[0], hfov_range_deg=(50.0, 70.0)))
     (within_bounds,) = why_nothing_fits(searched, None)
     assert "hfov_deg" in within_bounds  # its field of view was searched already
+
+
+def test_only_who_sent_hints_is_told_to_widen_them_where_no_pose_is_left() -> None:
+    cases = ((9, None), (9, Hints()), (9, Hints(upright=True)), (0, Hints(upright=True)))
+    reasons = [[each.reason for each in why_there_is_no_pose(*case)] for case in cases]
+    outside = ["nothing_in_reach"]
+    assert reasons == [outside, outside, [*outside, "widen_hints"], ["widen_hints"]]
