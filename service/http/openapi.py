@@ -2,41 +2,24 @@
 problems of each path."""
 
 import json
+from functools import partial
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from panoloc.service.answer import BY_STATUS, Localization
-from panoloc.service.http.schemas.batches import BatchOptions, BatchPatch
-from panoloc.service.http.schemas.control import ControlBody
-from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
-from panoloc.service.http.schemas.hand_poses import HandPose
-from panoloc.service.http.schemas.maps import LinkRequest, MapOptions, MapPatch, ScanOptions
-from panoloc.service.http.schemas.operations import ProblemDocument
-from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.problems import error_responses
 
 Responses = dict[int | str, dict[str, Any]]
 
 _REF = "#/components/schemas/{model}"
-# Models of forms and bodies that FastAPI does not know.
-_MODELS: tuple[type[BaseModel], ...] = (
-    ProblemDocument,
-    MapOptions,
-    ScanOptions,
-    MapPatch,
-    LinkRequest,
-    ControlBody,
-    LocalizeOptions,
-    BatchOptions,
-    HandPose,
-    BatchPatch,
-    GeoPoseRequest,
-    GeoPoseReply,
-)
+_MODELS: dict[str, type[BaseModel]] = {}
+"""Models of forms and bodies, by name, as `json_part` has noted them: FastAPI does not know them."""
 
+Router = partial(APIRouter, generate_unique_id_function=lambda route: route.name)
+"""A router whose operations have the names of their functions as ids."""
 
 IDEMPOTENT_PATHS = frozenset(("/maps", "/localize", "/batches"))
 """Whose POST requests are done once for each `Idempotency-Key`."""
@@ -77,6 +60,7 @@ def files_part(description: str, most: int) -> dict[str, Any]:
 
 def json_part(model: type[BaseModel]) -> dict[str, Any]:
     """Return the schema of a part that holds JSON."""
+    _MODELS[model.__name__] = model
     return {"$ref": _REF.format(model=model.__name__)}
 
 
@@ -152,7 +136,7 @@ def install_openapi(app: FastAPI) -> None:
 
 
 def _add_models(document: dict[str, Any]) -> None:
-    _, schema = models_json_schema([(model, "validation") for model in _MODELS], ref_template=_REF)
+    _, schema = models_json_schema([(model, "validation") for model in _MODELS.values()], ref_template=_REF)
     known = document.setdefault("components", {}).setdefault("schemas", {})
     for name, definition in schema["$defs"].items():
         known.setdefault(name, definition)
@@ -164,7 +148,10 @@ def _tell_answers_apart(document: dict[str, Any]) -> None:
     _, schema = models_json_schema([(model, "serialization") for model in BY_STATUS], ref_template=_REF)
     for model in BY_STATUS:
         schemas[model.__name__] = schema["$defs"][model.__name__]
-    refs = {schema["$defs"][m.__name__]["properties"]["status"]["const"]: json_part(m)["$ref"] for m in BY_STATUS}
+    refs = {
+        schemas[model.__name__]["properties"]["status"]["const"]: _REF.format(model=model.__name__)
+        for model in BY_STATUS
+    }
     description = schemas[Localization.__name__]["description"]
     schemas[Localization.__name__] = {
         "description": description,

@@ -16,9 +16,8 @@ from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, ope
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
 from panoloc.service.http.access import maps_seen, note_change, own_batch, require, while_there
-from panoloc.service.http.openapi import file_response, json_response, nothing_left
+from panoloc.service.http.openapi import Router, file_response, json_response, nothing_left
 from panoloc.service.http.routes.localize import while_connected
-from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.batches import Batch
 from panoloc.service.http.schemas.examples import BATCH_EXAMPLE
 from panoloc.service.jobs import Result

@@ -6,8 +6,7 @@ from fastapi import Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.http.access import maps_seen, note_change, own_map, require
-from panoloc.service.http.openapi import json_body, json_response
-from panoloc.service.http.routes.router import Router
+from panoloc.service.http.openapi import Router, json_body, json_response
 from panoloc.service.http.schemas.control import CONTROL_BODY_EXAMPLE, CONTROL_EXAMPLE, ControlBody, ControlReport
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import named_field, parse_json

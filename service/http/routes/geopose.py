@@ -14,9 +14,8 @@ from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS
 from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
 from panoloc.service.http.access import caller_of, maps_seen, require
-from panoloc.service.http.openapi import files_part, json_body, json_part, multipart
+from panoloc.service.http.openapi import Router, files_part, json_body, json_part, multipart
 from panoloc.service.http.routes.localize import QUERY_ERRORS, query_of, while_connected
-from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.examples import GEOPOSE_REQUEST_EXAMPLE
 from panoloc.service.http.schemas.geopose import (
     CameraReading,

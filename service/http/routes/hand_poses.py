@@ -12,10 +12,9 @@ from panoloc.service.batches.by_hand import ByHand, HandPlacing, Pairs, Placed, 
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
 from panoloc.service.http.access import note_change, own_batch, require
-from panoloc.service.http.openapi import json_body, json_response
+from panoloc.service.http.openapi import Router, json_body, json_response
 from panoloc.service.http.routes.batches import item_document
 from panoloc.service.http.routes.localize import QUERY_ERRORS, while_connected
-from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.batches import BatchItem
 from panoloc.service.http.schemas.examples import HAND_PLACEMENT_EXAMPLE, HAND_POSE_EXAMPLE
 from panoloc.service.http.schemas.hand_poses import HandPlacement, HandPose

@@ -16,6 +16,7 @@ from panoloc.service.answer import Localization, picture_path
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, maps_seen, require
 from panoloc.service.http.openapi import (
+    Router,
     accepted_response,
     file_response,
     files_part,
@@ -27,7 +28,6 @@ from panoloc.service.http.openapi import (
 )
 from panoloc.service.http.priors import with_pose_of_prior
 from panoloc.service.http.query_images import query_images
-from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.examples import (
     LOCALIZATION_EXAMPLE,
     OPTIONS_EXAMPLE,

@@ -13,8 +13,7 @@ from panoloc.core.options import ReportFormat
 from panoloc.service.answer import Document
 from panoloc.service.errors import ObjectNotFoundError
 from panoloc.service.http.access import caller_of, maps_seen, require, while_there
-from panoloc.service.http.openapi import file_response, json_response
-from panoloc.service.http.routes.router import Router
+from panoloc.service.http.openapi import Router, file_response, json_response
 from panoloc.service.http.schemas.changes import MapChanges
 from panoloc.service.http.schemas.coordinates import coordinates_of
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE

@@ -11,8 +11,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.http.access import maps_seen, require
-from panoloc.service.http.openapi import file_response, json_response
-from panoloc.service.http.routes.router import Router
+from panoloc.service.http.openapi import Router, file_response, json_response
 from panoloc.service.http.schemas.coordinates import Coordinates, coordinates_of
 from panoloc.service.http.schemas.examples import COORDINATES_EXAMPLE
 from panoloc.service.http.schemas.known_map import MapStarts

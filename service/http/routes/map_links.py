@@ -8,8 +8,7 @@ from fastapi import Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.http.access import note_change, own_map, require
-from panoloc.service.http.openapi import json_body, json_response
-from panoloc.service.http.routes.router import Router
+from panoloc.service.http.openapi import Router, json_body, json_response
 from panoloc.service.http.schemas.examples import LINK_EXAMPLE
 from panoloc.service.http.schemas.maps import LinkRequest, MapLink
 from panoloc.service.http.uploads import read_body

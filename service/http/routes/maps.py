@@ -11,10 +11,9 @@ from starlette.responses import JSONResponse, Response
 
 from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
 from panoloc.service.http.access import caller_of, maps_seen, note_change, own_map, require
-from panoloc.service.http.openapi import json_body, json_response, nothing_left
+from panoloc.service.http.openapi import Router, json_body, json_response, nothing_left
 from panoloc.service.http.routes.map_links import end_links
 from panoloc.service.http.routes.new_scans import read_again
-from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.examples import MAP_EXAMPLE
 from panoloc.service.http.schemas.known_map import Map, MapPage
 from panoloc.service.http.schemas.maps import MapPatch

@@ -14,6 +14,7 @@ from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import ArchiveError, InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_batch, require
 from panoloc.service.http.openapi import (
+    Router,
     accepted_response,
     binary_part,
     files_part,
@@ -24,7 +25,6 @@ from panoloc.service.http.openapi import (
 )
 from panoloc.service.http.routes.batches import batch_document, batch_overview
 from panoloc.service.http.routes.localize import MAP_PARTS, OPTION_RULES, checked_options, maps_of
-from panoloc.service.http.routes.router import Router
 from panoloc.service.http.schemas.batches import Batch, BatchOptions, BatchOverview, BatchPage, BatchPatch
 from panoloc.service.http.schemas.examples import BATCH_OVERVIEW_EXAMPLE, BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE
 from panoloc.service.http.schemas.maps import name_of_file

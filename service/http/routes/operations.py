@@ -12,8 +12,7 @@ from starlette.responses import JSONResponse, Response
 from panoloc.service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
 from panoloc.service.http.access import caller_of, require
 from panoloc.service.http.error_handlers import plain_problem_response
-from panoloc.service.http.openapi import file_response
-from panoloc.service.http.routes.router import Router
+from panoloc.service.http.openapi import Router, file_response
 from panoloc.service.http.schemas.operations import Health, Liveness, PoolHealth, Readiness
 from panoloc.service.problems import HTTP_PROBLEMS, error_responses, known_problems
 from panoloc.service.services import Services, services_of

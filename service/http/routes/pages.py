@@ -13,7 +13,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Respon
 
 from panoloc.service.http.access import require
 from panoloc.service.http.api_page import HEADERS, api_page
-from panoloc.service.http.routes.router import Router
+from panoloc.service.http.openapi import Router
 
 router = Router(include_in_schema=False)
 
