@@ -214,7 +214,7 @@ class Localizations:
     async def note_batch(self, answer: Document, key: str, camera: Document | None) -> None:
         """Have what changed found in an image, too, whose answer a batch took over; a failure is logged. See `ChangeLog.note_batch`."""
         try:
-            await self.changes.note_batch(answer, key, camera)
+            await asyncio.to_thread(self.changes.note_batch, answer, key, camera)
             await self._forget_changes(answer["map_id"])
         except (ServiceError, OSError, ValueError) as error:
             _log.warning("changes are not looked for in an image of a batch", key=key, error=str(error))
@@ -223,7 +223,8 @@ class Localizations:
         """Store what an answer saw changed; a failure is logged and does not fail the answer."""
         try:
             images = [image.data for image in query.images]
-            await self.changes.note(answer, outcome.change_cells, images, outcome.change_photo, query.batch_id)
+            seen, photo = outcome.change_cells, outcome.change_photo
+            await asyncio.to_thread(self.changes.note, answer, seen, images, photo, query.batch_id)
             await self._forget_changes(answer["map_id"])
         except (ServiceError, OSError) as error:
             _log.warning("change cells cannot be stored", error=str(error))
@@ -231,7 +232,7 @@ class Localizations:
     async def _forget_changes(self, map_id: str | None) -> None:
         """Delete what is kept of a map that was deleted meanwhile."""
         if map_id is not None and not self.registry.has(map_id):
-            await self.changes.forget(map_id)
+            await asyncio.to_thread(self.changes.forget, map_id)
 
     async def _forget_deleted(self, chosen: ChosenMaps) -> None:
         """Delete the stored answer when one of its maps was deleted meanwhile; its caller still gets it."""

@@ -6,22 +6,22 @@ again are no second witness. A small photo, where one may be kept, lies in `chan
 answer or its batch. A batch that took the answer over has the photo itself.
 """
 
-import asyncio
 import base64
 import hashlib
 import json
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime, timedelta
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
 
 import numpy as np
 
 from panoloc.service.answer import Document, in_map_axes
-from panoloc.service.errors import StorageError
+from panoloc.service.errors import InvalidOptionsError, StorageError
 from panoloc.service.jobs import ChangePhoto, MapRef
-from panoloc.service.maps.period import ALWAYS, Period
 from panoloc.service.storage import Storage
 
 MOST_ANSWERS = 200
@@ -32,13 +32,35 @@ _NO_BATCH = "queries"  # of photos that belong to none
 Cell = tuple[int, int, int]
 
 
+@dataclass(frozen=True)
+class Period:
+    """The answers from `since` to `until`, which have a time zone; None: from the first that still counts, to the last."""
+
+    since: datetime | None = None
+    until: datetime | None = None
+
+    @classmethod
+    def between(cls, since: str | None, until: str | None) -> "Period":
+        """Return the period between two times (RFC 3339), or days (UTC), which count whole. Raises InvalidOptionsError."""
+        period = cls(_time_of("since", since, time.min), _time_of("until", until, time.max))
+        if period.since is not None and period.until is not None and period.since > period.until:
+            raise InvalidOptionsError.of(
+                "since", f"expected a time before until, got {since} after {until}; exchange them, or leave one out"
+            )
+        return period
+
+    def has(self, moment: datetime) -> bool:
+        """Tell whether a time lies in the period."""
+        return (self.since is None or moment >= self.since) and (self.until is None or moment <= self.until)
+
+
 class ChangeLog:
-    """Used from one event loop; the files are read and written in threads."""
+    """Blocking; of any thread."""
 
     def __init__(self, storage: Storage) -> None:
         self._storage = storage
 
-    async def note(
+    def note(
         self,
         answer: Document,
         cells: dict[str, Any] | None,
@@ -50,58 +72,8 @@ class ChangeLog:
 
         cells: see `panoloc.service.worker.answers.change_cells`; None: nothing. photo: what may be kept of the images.
         """
-        if cells is not None and answer["map_id"] is not None:
-            await asyncio.to_thread(self._note, answer, cells, images, photo, batch_id)
-
-    async def note_batch(self, answer: Document, key: str, camera: Document | None) -> None:
-        """Remember that a batch has the image of an answer, under a key in storage.
-
-        camera: of the batch; None: the image says so itself.
-        """
-        cameras = [image["camera"]["model"] for image in answer["images"]]
-        # A distortion is not in the answer.
-        is_known = camera is not None or not cameras[0].startswith("opencv")
-        if answer["status"] == "localized" and len(cameras) == 1 and is_known:
-            await asyncio.to_thread(self._note_batch, answer, key, camera)
-
-    async def document(self, ref: MapRef, origin_offset: list[float], period: Period = ALWAYS) -> Document:
-        """Return the body of `GET /maps/{id}/changes`, but for its objects, for the revision that answers queries."""
-        return await asyncio.to_thread(self._document, ref, origin_offset, period)
-
-    async def photos(self, ref: MapRef, period: Period) -> list[Document]:
-        """Return what is kept of the photos of a revision, oldest first: `key` in storage, `position_m`, `quaternion_xyzw`, `time`."""
-        return await asyncio.to_thread(self._photos, ref, period)
-
-    async def forget(self, map_id: str) -> None:
-        """Delete everything about a map."""
-        await asyncio.to_thread(self._forget, map_id)
-
-    async def forget_batch(self, batch_id: str) -> None:
-        """Delete what is kept of the photos of a batch; the cells that they saw changed stay."""
-        await asyncio.to_thread(self._storage.delete_all, f"change-photos/{batch_id}")
-
-    def _photos(self, ref: MapRef, period: Period) -> list[Document]:
-        kept = [each for each in self._kept(ref, period) if each.get("photo")]
-        folders = {each["photo"]["key"].rpartition("/")[0] for each in kept}
-        there = {f"{folder}/{name}" for folder in folders for name in self._storage.names(folder)}
-        # Those of a batch that was deleted are gone.
-        found = [{**each["photo"], "time": each["answer"]["created_at"]} for each in kept]
-        return [photo for photo in found if photo["key"] in there]
-
-    def _forget(self, map_id: str) -> None:
-        folder = _folder_of(map_id)
-        for name in self._storage.names(folder):
-            self._delete(f"{folder}/{name}")
-        self._storage.delete_all(folder)
-
-    def _note(
-        self,
-        answer: Document,
-        cells: dict[str, Any],
-        images: Sequence[bytes],
-        photo: ChangePhoto | None,
-        batch_id: str | None,
-    ) -> None:
+        if cells is None or answer["map_id"] is None:
+            return
         now = datetime.now(UTC)
         kept = {
             "revision": answer["map_revision"],
@@ -125,7 +97,16 @@ class ChangeLog:
         for each in (*again, *(each for each in others if each < oldest or each in others[:-MOST_ANSWERS])):
             self._delete(f"{folder}/{each}")
 
-    def _note_batch(self, answer: Document, key: str, camera: Document | None) -> None:
+    def note_batch(self, answer: Document, key: str, camera: Document | None) -> None:
+        """Remember that a batch has the image of an answer, under a key in storage.
+
+        camera: of the batch; None: the image says so itself.
+        """
+        cameras = [image["camera"]["model"] for image in answer["images"]]
+        # A distortion is not in the answer.
+        is_known = camera is not None or not cameras[0].startswith("opencv")
+        if answer["status"] != "localized" or len(cameras) > 1 or not is_known:
+            return
         folder = _folder_of(answer["map_id"])
         for name in self._storage.names(folder):
             if f"-{answer['id']}-" not in name:
@@ -144,6 +125,26 @@ class ChangeLog:
             }
             self._storage.replace(f"{folder}/{name}", json.dumps(kept).encode())
 
+    def photos(self, ref: MapRef, period: Period) -> list[Document]:
+        """Return what is kept of the photos of a revision, oldest first: `key` in storage, `position_m`, `quaternion_xyzw`, `time`."""
+        kept = [each for each in self._kept(ref, period) if each.get("photo")]
+        folders = {each["photo"]["key"].rpartition("/")[0] for each in kept}
+        there = {f"{folder}/{name}" for folder in folders for name in self._storage.names(folder)}
+        # Those of a batch that was deleted are gone.
+        found = [{**each["photo"], "time": each["answer"]["created_at"]} for each in kept]
+        return [photo for photo in found if photo["key"] in there]
+
+    def forget(self, map_id: str) -> None:
+        """Delete everything about a map."""
+        folder = _folder_of(map_id)
+        for name in self._storage.names(folder):
+            self._delete(f"{folder}/{name}")
+        self._storage.delete_all(folder)
+
+    def forget_batch(self, batch_id: str) -> None:
+        """Delete what is kept of the photos of a batch; the cells that they saw changed stay."""
+        self._storage.delete_all(f"change-photos/{batch_id}")
+
     def _keep(self, photo: ChangePhoto, name: str) -> Document:
         """Store a photo, and return what is said of it."""
         key = f"change-photos/{name}"
@@ -160,7 +161,8 @@ class ChangeLog:
             self._storage.delete(photo["key"])
         self._storage.delete(key)
 
-    def _document(self, ref: MapRef, origin_offset: list[float], period: Period) -> Document:
+    def document(self, ref: MapRef, origin_offset: list[float], period: Period) -> Document:
+        """Return the body of `GET /maps/{id}/changes`, but for its objects, for the revision that answers queries."""
         seen: Counter[Cell] = Counter()
         changed: Counter[Cell] = Counter()
         last: dict[Cell, str] = {}
@@ -237,3 +239,19 @@ def _time_stamp(moment: datetime) -> str:
 def _unpacked(packed: str) -> list[Cell]:
     cells = np.frombuffer(zlib.decompress(base64.b64decode(packed)), "<i2").reshape(-1, 3)
     return [(x, y, z) for x, y, z in cells.tolist()]
+
+
+def _time_of(field: str, text: str | None, of_day: time) -> datetime | None:
+    """Return a time; of_day: for a date alone."""
+    if text is None:
+        return None
+    with suppress(ValueError):
+        return datetime.combine(date.fromisoformat(text), of_day, UTC)
+    with suppress(ValueError):
+        if (found := datetime.fromisoformat(text)).tzinfo is not None:
+            return found
+    raise InvalidOptionsError.of(
+        field,
+        "expected a date such as 2026-11-21, or a time with its zone such as 2026-11-21T12:00:00Z (in a URL, a + is "
+        f"%2B), got {text[:40]!r}",
+    )

@@ -158,7 +158,7 @@ async def delete_batch(request: Request, batch_id: str) -> Response:
     own_batch(request, batch_id)
     await services.batch_runs.cancel(batch_id)
     await services.batches.remove(batch_id)
-    await services.changes.forget_batch(batch_id)
+    await asyncio.to_thread(services.changes.forget_batch, batch_id)
     services.changed_objects.forget()
     note_change(request, "batch deleted", batch_id)
     return Response(status_code=204)

@@ -19,8 +19,8 @@ from panoloc.service.http.schemas.coordinates import coordinates_of
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.changed_objects import FoundObjects
+from panoloc.service.maps.changes import Period
 from panoloc.service.maps.control import ControlPoints
-from panoloc.service.maps.period import Period
 from panoloc.service.maps.record import MapRecord, place_on_earth
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.services import Services, services_of
@@ -66,7 +66,7 @@ async def get_changes(request: Request, map_id: str, period: _Asked) -> Response
     All refer to the serving revision. Objects are looked for on request, which takes seconds, and remembered.
     """
     seen = await _Seen.by(request, map_id, period)
-    changes = await seen.services.changes.document(seen.ref, seen.origin_offset, period)
+    changes = await asyncio.to_thread(seen.services.changes.document, seen.ref, seen.origin_offset, period)
     if caller_of(request).tenant is not None:
         # Who knows the id of an answer may fetch it, and not all are of the same tenant.
         changes["answers"] = [{**answer, "id": None} for answer in changes["answers"]]
@@ -146,7 +146,7 @@ class _Seen:
     async def by(cls, request: Request, map_id: str, period: Period) -> "_Seen":
         services, record = services_of(request), maps_seen(request).get(map_id)
         ref = serving_ref(record)
-        photos = await services.changes.photos(ref, period)
+        photos = await asyncio.to_thread(services.changes.photos, ref, period)
         async with while_there(request, map_id):
             found = await services.changed_objects.find(ref, photos, _stats(record))
         return cls(services, record, ref, len(photos), found)

@@ -126,7 +126,7 @@ async def delete_map(request: Request, map_id: str) -> Response:
     # Only now, because no registration of it begins from here on.
     await services.registrations.cancel(map_id)
     await asyncio.shield(services.cache.forget_map(map_id))
-    await asyncio.shield(services.changes.forget(map_id))
+    await asyncio.shield(asyncio.to_thread(services.changes.forget, map_id))
     await asyncio.shield(services.control.forget(map_id))
     services.changed_objects.forget()
     await asyncio.shield(end_links(request, record))
