@@ -47,17 +47,15 @@ class Metrics:
             "panoloc_registration_duration_seconds", "From a worker's first attempt to the ready map.",
             buckets=_SECONDS, registry=self._registry,
         )  # fmt: skip
-        self._upload_bytes = Counter("panoloc_upload_bytes", "Bytes of scans stored.", registry=self._registry)
+        self.upload_bytes = Counter("panoloc_upload_bytes", "Bytes of scans stored.", registry=self._registry)
         self._refusals = Counter(
-            "panoloc_refusals",
-            "Requests beyond a limit, by limit.",
-            ("limit",),
-            registry=self._registry,
+            "panoloc_refusals", "Requests beyond a limit, by limit.", ("limit",), registry=self._registry
         )
-        self._uploads = Gauge("panoloc_uploads", "Uploads of scans and batches in progress.", registry=self._registry)
+        self.uploads = Gauge("panoloc_uploads", "Uploads of scans and batches in progress.", registry=self._registry)
         for result in ("ready", "failed", "cancelled"):
             self._registrations.labels(result)
-        self._registry.register(_PoolCollector(pool_state, maps_by_status))
+        self._pool_state, self._maps_by_status = pool_state, maps_by_status
+        self._registry.register(self)
         ProcessCollector(registry=self._registry)
 
     def note_request(self, method: str, route: str, status: int, duration_s: float) -> None:
@@ -78,14 +76,6 @@ class Metrics:
         if duration_s is not None:
             self._registration_seconds.observe(duration_s)
 
-    def note_upload(self, num_bytes: int) -> None:
-        """Count the bytes of a stored scan."""
-        self._upload_bytes.inc(num_bytes)
-
-    def note_num_uploads(self, number: int) -> None:
-        """Note how many scans and batches are being uploaded now."""
-        self._uploads.set(number)
-
     def note_refusal(self, limit: str) -> None:
         """Count what went beyond a limit; limit: one of `panoloc.service.limits.capacity.Refusal`."""
         self._refusals.labels(limit).inc()
@@ -93,12 +83,6 @@ class Metrics:
     def text(self) -> bytes:
         """Return everything in the Prometheus text format."""
         return generate_latest(self._registry)
-
-
-class _PoolCollector:
-    def __init__(self, pool_state: Callable[[], PoolState], maps_by_status: Callable[[], dict[str, int]]) -> None:
-        self._pool_state = pool_state
-        self._maps_by_status = maps_by_status
 
     def collect(self) -> Iterator[Metric]:
         """Yield what the pool and the registry say now."""

@@ -118,6 +118,6 @@ def _serve(settings: Settings, storage: Storage, claim: BucketClaim | None) -> s
     config = server_config(app, host=settings.host, port=settings.port, **tls)
     server = DrainingServer(config, pool, settings.drain_s)
     if claim is not None:
-        claim.call_when_lost(server.end)
+        claim.when_lost = server.end
     server.run()
     return claim.loss if claim is not None else None

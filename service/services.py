@@ -56,7 +56,7 @@ class Services:
         self.demo_room = DemoRoom(storage)
         refuse = self.metrics.note_refusal
         self.bytes_in_flight = bytes_in_flight(settings.max_image_bytes, refuse)
-        self.uploads = upload_places(refuse, self.metrics.note_num_uploads)
+        self.uploads = upload_places(refuse, self.metrics.uploads.set)
         limits = RateLimits(settings.max_requests_per_minute, settings.max_bytes_per_hour)
         self.rates = CallerRates(settings.redis_url, limits, refuse)
         self.wrong_keys = WrongKeys()

@@ -52,8 +52,7 @@ class SharedFolder:
         self._done_s: dict[str, float] = {}
         self._stopping = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
-        registry.call_on_change(signal.publish)
-        batches.call_on_change(signal.publish)
+        registry.publish = batches.publish = signal.publish
 
     def start(self) -> None:
         """Begin to poll and to look."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Container, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import Literal
 
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
@@ -21,6 +22,7 @@ from panoloc.service.storage.sealed_json import seal, unseal
 
 # A bucket answers each after a while, and many in the same while.
 _AT_A_TIME = 8
+_Folder = Literal["results", "by_hand"]
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -64,12 +66,8 @@ def _record_key(batch_id: str) -> str:
     return f"{folder_of(batch_id)}/batch.json"
 
 
-def _result_key(batch_id: str, number: int) -> str:
-    return f"{folder_of(batch_id)}/results/{number:05}.json"
-
-
-def _by_hand_key(batch_id: str, number: int) -> str:
-    return f"{folder_of(batch_id)}/by_hand/{number:05}.json"
+def _result_key(batch_id: str, folder: _Folder, number: int) -> str:
+    return f"{folder_of(batch_id)}/{folder}/{number:05}.json"
 
 
 class StoredBatches:
@@ -104,13 +102,9 @@ class StoredBatches:
         """Tell whether there is a batch, and not only an upload that was to become one."""
         return "batch.json" in self._storage.names(folder_of(batch_id))
 
-    def numbers_done(self, batch_id: str) -> set[int]:
-        """Return the numbers of the images with a result."""
-        return self._numbers(batch_id, "results")
-
-    def numbers_by_hand(self, batch_id: str) -> set[int]:
-        """Return the numbers of the images that a person has placed."""
-        return self._numbers(batch_id, "by_hand")
+    def numbers(self, batch_id: str, folder: _Folder) -> set[int]:
+        """Return the numbers of the images with a result, or of those that a person has placed."""
+        return {int(name.removesuffix(".json")) for name in self._storage.names(f"{folder_of(batch_id)}/{folder}")}
 
     def read_results(
         self, batch_id: str, numbers: Iterable[int], by_hand: Container[int] = ()
@@ -119,8 +113,8 @@ class StoredBatches:
         wanted = list(numbers)
 
         def read(number: int) -> Result | None:
-            by_whom = [_by_hand_key] if number in by_hand else []
-            for key in (key_of(batch_id, number) for key_of in (*by_whom, _result_key)):
+            folders: tuple[_Folder, ...] = ("by_hand", "results") if number in by_hand else ("results",)
+            for key in (_result_key(batch_id, folder, number) for folder in folders):
                 with suppress(StoredFileDamagedError, StoredFileMissingError):
                     return unseal(RESULT, self._storage.read(key), key)
             return None
@@ -130,15 +124,12 @@ class StoredBatches:
 
     def put_result(self, batch_id: str, number: int, result: Result) -> None:
         """Store the result of an image."""
-        self._storage.replace(_result_key(batch_id, number), seal(RESULT, result))
+        self._storage.replace(_result_key(batch_id, "results", number), seal(RESULT, result))
 
     def put_by_hand(self, batch_id: str, number: int, result: Result | None) -> None:
         """Store where a person has placed an image; None: forget it."""
-        key = _by_hand_key(batch_id, number)
+        key = _result_key(batch_id, "by_hand", number)
         if result is None:
             self._storage.delete(key)
         else:
             self._storage.replace(key, seal(RESULT, result))
-
-    def _numbers(self, batch_id: str, folder: str) -> set[int]:
-        return {int(name.removesuffix(".json")) for name in self._storage.names(f"{folder_of(batch_id)}/{folder}")}

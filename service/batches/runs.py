@@ -51,7 +51,7 @@ class BatchRuns:
         self._num_under_way = 0
         self._running: dict[str, asyncio.Task[None]] = {}
         self._once_more: dict[str, BatchRecord] = {}
-        store.call_when_damaged(self.begin)
+        store.redo = self.begin
 
     def resume(self) -> None:
         """Begin again with every batch that has not come to its end and that no other process works on."""

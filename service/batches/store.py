@@ -43,7 +43,11 @@ class _Batch:
 
 
 class BatchStore:
-    """Used from one event loop."""
+    """Used from one event loop.
+
+    redo: called for a batch with a damaged stored result: its image has none any more. publish: awaited with the id of each batch that
+    this process has made, deleted, or has a result of.
+    """
 
     def __init__(self, storage: Storage, max_batches: int, locks: Locks) -> None:
         """locks: of the processes that share the storage."""
@@ -56,16 +60,8 @@ class BatchStore:
         self._deleted: set[str] = set()
         self._num_coming = 0
         self._reading_statuses = asyncio.Lock()
-        self._redo: Callable[[BatchRecord], None] = lambda record: None
-        self._publish: Publish = publish_nothing
-
-    def call_when_damaged(self, redo: Callable[[BatchRecord], None]) -> None:
-        """Set what is called for a batch with a damaged stored result: its image has none any more."""
-        self._redo = redo
-
-    def call_on_change(self, publish: Publish) -> None:
-        """Set what is awaited with the id of each batch that this process has made, deleted, or has a result of."""
-        self._publish = publish
+        self.redo: Callable[[BatchRecord], None] = lambda record: None
+        self.publish: Publish = publish_nothing
 
     async def load(self) -> None:
         """Read all records; uploads that never became a batch are removed, unreadable records are left alone."""
@@ -161,15 +157,15 @@ class BatchStore:
         finally:
             self._num_coming -= 1
         self._batches[record.id] = _Batch(record)
-        await self._publish(record.id)
+        await self.publish(record.id)
 
     async def done(self, batch_id: str) -> set[int]:
         """Return the numbers of the images that have a result."""
         if self._locks.is_shared:
-            listed = await asyncio.to_thread(self._files.numbers_done, batch_id)
+            listed = await asyncio.to_thread(self._files.numbers, batch_id, "results")
             if (batch := self._batches.get(batch_id)) is not None:
                 batch.done |= listed - batch.damaged
-                batch.by_hand = await asyncio.to_thread(self._files.numbers_by_hand, batch_id)
+                batch.by_hand = await asyncio.to_thread(self._files.numbers, batch_id, "by_hand")
         return set(self._batches[batch_id].done) if batch_id in self._batches else set()
 
     async def counts(self, batch_id: str) -> Counter[str]:
@@ -201,7 +197,7 @@ class BatchStore:
             batch.done.add(number)
             batch.statuses[number] = result["status"]
             batch.damaged.discard(number)
-        await self._publish(batch_id)
+        await self.publish(batch_id)
 
     async def put_by_hand(self, batch_id: str, number: int, result: Result | None) -> None:
         """Show an image where a person has placed it; None: as its own result has it, again."""
@@ -211,7 +207,7 @@ class BatchStore:
             batch = self._batches[self.get(batch_id).id]
             await uninterrupted(asyncio.to_thread(self._files.put_by_hand, batch_id, number, result))
         batch.by_hand = batch.by_hand - {number} if result is None else batch.by_hand | {number}
-        await self._publish(batch_id)
+        await self.publish(batch_id)
 
     async def rename(self, batch_id: str, name: str) -> BatchRecord:
         """Give a batch another name, and return its record. Raises BatchNotFoundError."""
@@ -221,7 +217,7 @@ class BatchStore:
             batch = self._batches[self.get(batch_id).id]
             batch.record = replace(batch.record, name=name)
             await uninterrupted(asyncio.to_thread(self._files.put_record, batch.record))
-        await self._publish(batch_id)
+        await self.publish(batch_id)
         return batch.record
 
     async def image(self, batch_id: str, number: int) -> bytes:
@@ -240,7 +236,7 @@ class BatchStore:
             self._deleted.discard(batch_id)
             self._batches[batch_id] = batch
             raise
-        await self._publish(batch_id)
+        await self.publish(batch_id)
 
     async def _look(self, batch_id: str) -> bool:
         """Read a batch that is not known; return False where it is none, but an upload that was to become one."""
@@ -248,8 +244,8 @@ class BatchStore:
             record = await asyncio.to_thread(self._files.read, batch_id)
             done, by_hand = set[int](), set[int]()
             if record is not None:
-                done = await asyncio.to_thread(self._files.numbers_done, batch_id)
-                by_hand = await asyncio.to_thread(self._files.numbers_by_hand, batch_id)
+                done = await asyncio.to_thread(self._files.numbers, batch_id, "results")
+                by_hand = await asyncio.to_thread(self._files.numbers, batch_id, "by_hand")
         except StorageError as error:
             _log.error("a batch is skipped, because its record cannot be read", batch_id=batch_id, error=str(error))
             return True
@@ -271,7 +267,7 @@ class BatchStore:
             _log.error(
                 "results are damaged; their images are localized again", batch_id=batch_id, numbers=sorted(damaged)
             )
-            self._redo(batch.record)
+            self.redo(batch.record)
         return {number: result for number, result in found.items() if result is not None}
 
     async def _remove_unfinished(self, batch_id: str) -> None:

@@ -40,7 +40,7 @@ _LEFT_BEHIND_S = 24 * 3600.0
 
 
 class MapRegistry(KnownMaps):
-    """Used from one event loop.
+    """Used from one event loop. publish: awaited with the id of each map that this process has changed, made or deleted.
 
     A change is in storage before it is seen in memory; a deletion is seen first, so that nobody finds a map whose files
     are going.
@@ -53,14 +53,10 @@ class MapRegistry(KnownMaps):
         self._max_maps = max_maps
         self._locks = locks or OwnLocks()
         self._changes = KeyedLock()
-        self._publish: Publish = publish_nothing
+        self.publish: Publish = publish_nothing
         self._num_coming = 0
         # Of the records as they were read or written last.
         self._stamps: dict[str, Stamp] = {}
-
-    def call_on_change(self, publish: Publish) -> None:
-        """Set what is awaited with the id of each map that this process has changed, made or deleted."""
-        self._publish = publish
 
     async def load(self) -> None:
         """Read all records; one that cannot be read is logged and left alone."""
@@ -201,7 +197,7 @@ class MapRegistry(KnownMaps):
             except BaseException:
                 self._records[map_id] = record
                 raise
-            await self._publish(map_id)
+            await self.publish(map_id)
 
         await self._exclusively(map_id, remove)
 
@@ -233,7 +229,7 @@ class MapRegistry(KnownMaps):
         over = self._stamps.get(record.id) if self._locks.is_shared else None
         self._stamps[record.id] = await asyncio.to_thread(write_record, self._storage, record, over)
         self._records[record.id] = record
-        await self._publish(record.id)
+        await self.publish(record.id)
         return record
 
     async def _look(self, map_id: str) -> None:

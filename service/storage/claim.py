@@ -34,7 +34,11 @@ class BucketUnusableError(RuntimeError):
 
 
 class BucketClaim:
-    """Of one service, from `take` to `release`. is_shared: others with the same setting may use the bucket too."""
+    """Of one service, from `take` to `release`.
+
+    is_shared: others with the same setting may use the bucket too. when_lost: called, from another thread, when another service took the
+    bucket while this one stood still.
+    """
 
     def __init__(self, storage: BucketStorage, data_dir: Path, *, is_shared: bool) -> None:
         """data_dir: locked by this service, so that a note with the token in it is of this service's last run."""
@@ -44,7 +48,7 @@ class BucketClaim:
         self._num_renewals = 0
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._renew_always, name="renew the claim of the bucket", daemon=True)
-        self._when_lost: Callable[[], None] = lambda: None
+        self.when_lost: Callable[[], None] = lambda: None
         self.loss: str | None = None
 
     def take(self) -> None:
@@ -58,10 +62,6 @@ class BucketClaim:
         if other := self._other():
             raise _in_use(self._storage.url, other)  # that came at the same moment
         self._thread.start()
-
-    def call_when_lost(self, end: Callable[[], None]) -> None:
-        """Set what is called, from another thread, when another service took the bucket while this one stood still."""
-        self._when_lost = end
 
     def release(self) -> None:
         """Stop, and let the next service in at once."""
@@ -105,7 +105,7 @@ class BucketClaim:
                 continue
             self.loss = f"{_named(other)} has taken the bucket"
             _log.error("the service ends", extra={"error": self.loss})
-            self._when_lost()
+            self.when_lost()
             return
 
     def _other(self) -> dict[str, Any] | None:

@@ -195,7 +195,7 @@ async def _store(services: Services, ref: MapRef, scan: SpooledFile, options: Re
     if name.lower().endswith(".zip"):
         unpacked = await asyncio.to_thread(unpacked_bytes, scan.path, MAX_COUNTED_BYTES)
     key = await services.registry.adopt_scan(ref, name, scan.path, scan.sha256)
-    services.metrics.note_upload(scan.num_bytes)
+    services.metrics.upload_bytes.inc(scan.num_bytes)
     return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options, unpacked)
 
 

@@ -282,7 +282,7 @@ async def test_a_result_that_is_written_anew_while_it_is_read_is_not_worked_out_
     _, batch_id = await running.placed("a.png")
     store, loop, told = running.app.state.services.batches, asyncio.get_running_loop(), list[object]()
     result = (await store.results(batch_id, [0]))[0]
-    store.call_when_damaged(told.append)
+    store.redo = told.append
 
     def overtaken(of: str, numbers: list[int], by_hand: set[int]) -> dict[int, None]:
         """Read a damaged result, which is replaced before the reader can tell."""

@@ -113,7 +113,7 @@ async def test_what_one_changes_the_other_shows(
 
         for replica in replicas:
             registry = replica.app.state.services.registry
-            registry.call_on_change(publish_nothing.__get__(registry))
+            registry.publish = publish_nothing.__get__(registry)
         redis_client.flushall()
     assert (await first.client.patch(f"/maps/{map_id}", json={"name": "changed"})).status_code == 200
     # The list is what is known: nothing is looked at for it.

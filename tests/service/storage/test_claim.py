@@ -87,7 +87,7 @@ def test_one_that_stood_still_learns_that_another_has_the_bucket_and_leaves_it(
     claim: Claims, bucket: BucketStorage, is_shared: bool
 ) -> None:
     one, lost = claim("one", is_shared), threading.Event()
-    one.call_when_lost(lost.set)
+    one.when_lost = lost.set
     one.take()
     bucket.put("claim.json", OF_ANOTHER)
     assert lost.wait(10)
