@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import math
 import time
+from dataclasses import dataclass, field
 
 import structlog
 
@@ -27,32 +28,25 @@ _BATCHES_S = 1.0
 _BATCH = "batch_"
 
 
+@dataclass
 class SharedFolder:
     """Used from one event loop. look_s: seconds between two looks at all that is stored."""
 
-    def __init__(
-        self,
-        storage: Storage,
-        registry: MapRegistry,
-        registrations: Registrations,
-        batches: BatchStore,
-        batch_runs: BatchRuns,
-        signal: ChangeSignal,
-        look_s: float = LOOK_S,
-    ) -> None:
-        self._storage = storage
-        self._registry = registry
-        self._registrations = registrations
-        self._batches = batches
-        self._batch_runs = batch_runs
-        self._signal = signal
-        self._look_s = look_s
-        self._seen: dict[str, Stamp] = {}
-        self._published_batches: set[str] = set()
-        self._done_s: dict[str, float] = {}
-        self._stopping = asyncio.Event()
-        self._task: asyncio.Task[None] | None = None
-        registry.publish = batches.publish = signal.publish
+    storage: Storage
+    registry: MapRegistry
+    registrations: Registrations
+    batches: BatchStore
+    batch_runs: BatchRuns
+    signal: ChangeSignal
+    look_s: float
+    _seen: dict[str, Stamp] = field(default_factory=dict, init=False)
+    _published_batches: set[str] = field(default_factory=set, init=False)
+    _done_s: dict[str, float] = field(default_factory=dict, init=False)
+    _stopping: asyncio.Event = field(default_factory=asyncio.Event, init=False)
+    _task: asyncio.Task[None] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self.registry.publish = self.batches.publish = self.signal.publish
 
     def start(self) -> None:
         """Begin to poll and to look."""
@@ -66,7 +60,7 @@ class SharedFolder:
 
     async def close(self) -> None:
         """Close the connections, after the last change."""
-        await self._signal.close()
+        await self.signal.close()
 
     async def _run(self) -> None:
         while not self._stopping.is_set():
@@ -74,7 +68,7 @@ class SharedFolder:
                 await self._poll()
                 if self._is_due("batches", _BATCHES_S):
                     await self._look_at_published_batches()
-                if self._is_due("look", self._look_s):
+                if self._is_due("look", self.look_s):
                     await self._look()
                 if self._is_due("take over", _TAKE_OVER_S):
                     await self._take_over()
@@ -94,32 +88,32 @@ class SharedFolder:
         return True
 
     async def _poll(self) -> None:
-        changed = dict.fromkeys(await self._signal.poll())
+        changed = dict.fromkeys(await self.signal.poll())
         self._published_batches.update(each for each in changed if each.startswith(_BATCH))
         changed_maps = [each for each in changed if not each.startswith(_BATCH)]
         for map_id in changed_maps:
-            await self._registry.refresh(map_id)
+            await self.registry.refresh(map_id)
         if changed_maps:
-            await self._registrations.end_unwanted()
+            await self.registrations.end_unwanted()
 
     async def _look_at_published_batches(self) -> None:
         published, self._published_batches = self._published_batches, set()
         for batch_id in published:
-            await self._batches.refresh_one(batch_id)
+            await self.batches.refresh_one(batch_id)
 
     async def _look(self) -> None:
-        known = {record.id for record in self._registry.all()}
-        stored = await asyncio.to_thread(self._storage.stamps, "maps", "map.json")
+        known = {record.id for record in self.registry.all()}
+        stored = await asyncio.to_thread(self.storage.stamps, "maps", "map.json")
         # Also one that came and went since the last look, and was asked for in between.
         gone = known - stored.keys()
         new = {map_id for map_id, stamp in stored.items() if self._seen.get(map_id) != stamp}
-        for map_id in [*gone, *(each for each in new if not self._registry.is_current(each, stored[each]))]:
-            await self._registry.refresh(map_id)
+        for map_id in [*gone, *(each for each in new if not self.registry.is_current(each, stored[each]))]:
+            await self.registry.refresh(map_id)
         self._seen = stored
-        await self._batches.refresh()
+        await self.batches.refresh()
 
     async def _take_over(self) -> None:
-        await self._registrations.end_unwanted()
-        await self._batch_runs.end_unwanted()
-        self._registrations.resume()
-        self._batch_runs.resume()
+        await self.registrations.end_unwanted()
+        await self.batch_runs.end_unwanted()
+        self.registrations.resume()
+        self.batch_runs.resume()

@@ -50,35 +50,29 @@ class Work:
             self.future.set_exception(error)
 
 
+@dataclass(eq=False)
 class WorkerProcess:
     """A process that speaks as `panoloc.service.pool.messages` says. It ends when the service ends: the kernel then closes its input.
 
-    status: what it said last, without workers once it has ended. was_ready: whether it was ready when it ended.
-    under_way: what it works on, by number. known_maps: maps that it has answered for.
+    start: starts the process, with pipes. on_change: called after each message. status: what it said last, without workers once it has
+    ended. was_ready: whether it was ready when it ended. under_way: what it works on, by number. known_maps: maps that it has answered for.
     """
 
-    def __init__(
-        self,
-        plan: WorkerPlan,
-        start: Callable[[], Awaitable[Process]],
-        on_change: Callable[[], None] = lambda: None,
-    ) -> None:
-        """start: starts the process, with pipes. on_change: called after each message."""
-        self._plan = plan
-        self._start = start
-        self._on_change = on_change
-        self._process: Process | None = None
-        self._killed_for = ""
-        self.status = Status()
-        self.was_ready = False
-        self.under_way: dict[int, Work] = {}
-        self.known_maps: set[MapRef] = set()
+    plan: WorkerPlan
+    start: Callable[[], Awaitable[Process]]
+    on_change: Callable[[], None] = lambda: None
+    status: Status = field(default_factory=Status, init=False)
+    was_ready: bool = field(default=False, init=False)
+    under_way: dict[int, Work] = field(default_factory=dict, init=False)
+    known_maps: set[MapRef] = field(default_factory=set, init=False)
+    _process: Process | None = field(default=None, init=False)
+    _killed_for: str = field(default="", init=False)
 
     async def run(self) -> str:
         """Start the process, take its messages until it ends, and return how it ended. Cancelling the call kills it."""
-        process = self._process = await self._start()
+        process = self._process = await self.start()
         try:
-            self._write(self._plan)
+            self._write(self.plan)
             for work in self.under_way.values():
                 self._write(Request(work.number, work.job))
             await self._take_messages(process)
@@ -130,7 +124,7 @@ class WorkerProcess:
                         work.fail(WorkerLostError("a worker of the cluster was lost"))
                     elif not work.future.done():
                         work.future.set_result(message.reply)
-                self._on_change()
+                self.on_change()
 
     def _write(self, message: WorkerPlan | Request) -> None:
         """Send a message to the process, if it is there; what is under way is sent when it starts."""

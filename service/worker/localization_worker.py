@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from panoloc.core.camera.rig import Rig
@@ -46,7 +47,7 @@ class LocalizationWorker:
         """Answer one query, or score the maps of a share of it, or name the indexes that have to be built again first."""
         began = time.monotonic()
         maps = QueryMaps(self._shelf, job.maps)
-        query = _RunningQuery(job, maps, self._localizer, self._settings, is_cancelled)
+        query = _RunningQuery(job, maps, self._localizer, self._settings.max_pixels, is_cancelled)
         outcome, failure = guarded(query.answer)
         return WorkerReply(
             outcome=outcome,
@@ -60,34 +61,28 @@ class LocalizationWorker:
         )
 
 
+@dataclass
 class _RunningQuery:
     """One query in a worker, with its timings and the indexes that are missing."""
 
-    def __init__(
-        self,
-        job: LocalizeJob,
-        maps: QueryMaps,
-        localizer: Localizer,
-        settings: WorkerSettings,
-        is_cancelled: Callable[[], bool],
-    ) -> None:
-        self.maps = maps
-        self._is_cancelled = is_cancelled
-        self._job = job
-        self._localizer = localizer
-        self._settings = settings
-        self._timings_s: dict[str, float] = {}
-        self.missing: tuple[MapRef, ...] = ()
-        self.scores: tuple[float, ...] = ()
+    job: LocalizeJob
+    maps: QueryMaps
+    localizer: Localizer
+    max_pixels: int
+    is_cancelled: Callable[[], bool]
+    timings_s: dict[str, float] = field(default_factory=dict)
+    missing: tuple[MapRef, ...] = ()
+    scores: tuple[float, ...] = ()
 
     def answer(self) -> LocalizeOutcome | None:
         """Return the outcome; None when an index is missing, or only scores are asked for. Raises errors of `core`."""
         self._remaining_s()
-        query = self._timed("decode", self._query)
+        images, wanted = self.job.images, self.job.options
+        query = self._timed("decode", lambda: read_query(images, wanted.frame, wanted.session, self.max_pixels))
         try:
-            if self._job.share is not None:
+            if self.job.share is not None:
                 vectors = self.maps.vectors()
-                self.scores = tuple(scores_among(self._localizer, query, vectors, self._job.options.hints))
+                self.scores = tuple(scores_among(self.localizer, query, vectors, wanted.hints))
                 return None
             localization = self._localized(query)
         except MissingIndexError as error:
@@ -95,32 +90,28 @@ class _RunningQuery:
             return None
         query = as_found(query, localization)
         index = None if localization.best is None else self.maps.searched[localization.best.map_position]
-        pictures = self._timed("pictures", lambda: _pictures(query, index, localization, self._job.options.artifacts))
+        pictures = self._timed("pictures", lambda: _pictures(query, index, localization, wanted.artifacts))
         cells = self._timed("pictures", lambda: None if index is None else change_cells(index, localization))
-        answer = answer_of(localization, self._job, query.photos, self._timings_s, pictures)
-        photo = self._timed("pictures", lambda: change_photo(query, localization)) if self._job.keep_photo else None
+        answer = answer_of(localization, self.job, query.photos, self.timings_s, pictures)
+        photo = self._timed("pictures", lambda: change_photo(query, localization)) if self.job.keep_photo else None
         return LocalizeOutcome(answer, pictures, cells, photo)
 
     def _localized(self, query: Rig) -> Localization:
-        options = self._job.options
+        options = self.job.options
         return localize_among(
-            self._localizer,
+            self.localizer,
             query,
             self.maps,
             method=options.method,
             hints=options.hints,
             top_k=options.top_k,
             timeout_s=self._remaining_s(),
-            num_maps=self._job.num_maps,
-            is_cancelled=self._is_cancelled,
+            num_maps=self.job.num_maps,
+            is_cancelled=self.is_cancelled,
         )
 
-    def _query(self) -> Rig:
-        options = self._job.options
-        return read_query(self._job.images, options.frame, options.session, self._settings.max_pixels)
-
     def _remaining_s(self) -> float:
-        remaining_s = self._job.deadline_unix_s - time.time()
+        remaining_s = self.job.deadline_unix_s - time.time()
         if remaining_s <= 0:
             raise DeadlineExceededError(f"the deadline passed {-remaining_s:.1f} s before a worker could begin")
         return remaining_s
@@ -128,7 +119,7 @@ class _RunningQuery:
     def _timed(self, stage: str, work: Callable[[], Result]) -> Result:
         began = time.perf_counter()
         result = work()
-        self._timings_s[stage] = self._timings_s.get(stage, 0.0) + time.perf_counter() - began
+        self.timings_s[stage] = self.timings_s.get(stage, 0.0) + time.perf_counter() - began
         return result
 
 

@@ -1,9 +1,9 @@
 """The worker that registers maps: reads the scan, builds the index, stores it in Redis. Runs in its own process."""
 
 import contextlib
-import dataclasses
 import time
 from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
@@ -85,21 +85,14 @@ class RegistrationProgress:
         return self._seconds
 
 
+@dataclass
 class Registrar:
-    """Builds map indexes."""
+    """Builds map indexes. limit_process: limits bytes of memory and seconds of CPU time of this process, which ends with its work."""
 
-    def __init__(
-        self,
-        settings: WorkerSettings,
-        storage: Storage,
-        cache: WorkerCache,
-        limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None,
-    ) -> None:
-        """limit_process: limits bytes of memory and seconds of CPU time of this process, which ends with its work."""
-        self._limit_process = limit_process
-        self._settings = settings
-        self._storage = storage
-        self._cache = cache
+    settings: WorkerSettings
+    storage: Storage
+    cache: WorkerCache
+    limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         """Build and store the index of a new map, and report the progress."""
@@ -110,33 +103,27 @@ class Registrar:
         return WorkerReply(*guarded(lambda: _within_memory(lambda: self._rebuild(map_ref))))
 
     def _register(self, job: RegisterJob) -> RegisterOutcome:
-        progress = RegistrationProgress(self._cache, job.map)
-        cloud, index = self._build(job, progress)
-        encoded = encode_map_index(index)
-        progress.report("storing", 0.0)
-        store_vectors(self._storage, job.map, encode_retrieval_vectors(retrieval_vectors(index)))
-        store_index(self._storage, job.map, index_config_digest(job.options.index), encoded)
+        progress = RegistrationProgress(self.cache, job.map)
+        cloud, index, encoded = self._build(job, progress)
         self._store_with_retries(job, encoded)
         diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
         return RegisterOutcome(
             stats=_stats(cloud, index, len(encoded), progress.finish()),
-            diagnostics=[dataclasses.asdict(found) for found in diagnostics],
+            diagnostics=[asdict(found) for found in diagnostics],
             preview_png=encode_png(draw_map_preview(index)),
             points_ply=_sample_ply(cloud),
             starts=_starts(index),
         )
 
     def _rebuild(self, map_ref: MapRef) -> None:
-        job = registration_of(self._storage, map_ref)
-        _, index = self._build(job, RegistrationProgress(None, map_ref))
-        encoded = encode_map_index(index)
-        store_vectors(self._storage, map_ref, encode_retrieval_vectors(retrieval_vectors(index)))
-        store_index(self._storage, map_ref, index_config_digest(job.options.index), encoded)
+        job = registration_of(self.storage, map_ref)
+        _, _, encoded = self._build(job, RegistrationProgress(None, map_ref))
         self._store(job, encoded)
 
-    def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex]:
-        limits = self._settings
-        reading = dataclasses.replace(
+    def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex, bytes]:
+        """Return the cloud of a scan, its index, and the index encoded, of which a copy is in storage then."""
+        limits = self.settings
+        reading = replace(
             job.options.scan,
             max_points=limits.max_points,
             max_points_used=limits.max_points_used,
@@ -144,37 +131,42 @@ class Registrar:
             # Parsed in a sandbox: this process holds the address of Redis.
             from_strangers=True,
         )
-        with self._storage.local_copy(job.scan_key) as path:
+        with self.storage.local_copy(job.scan_key) as path:
             allowed, scan_bytes = limits.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
             # The pool ends a registration that takes too long; this also ends an endless rebuild.
-            self._limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
+            self.limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
             self._remove_remains()
             # Archives are unpacked on the disk of the scans: the system's own folder for that may be in memory.
-            unpacking = self._storage.spool_folder
+            unpacking = self.storage.spool_folder
             cloud = read_scan(path, reading, lambda share: progress.report("reading", share), unpacking)
         if len(cloud) < MIN_POINTS:
             raise ScanContentError(
                 f"The scan has too few points: expected at least {MIN_POINTS}, and tens of thousands for good poses, got "
                 f"{len(cloud):,}. Export the whole scan."
             )
-        return cloud, build_map_index(cloud, job.options.index, progress=progress.report)
+        index = build_map_index(cloud, job.options.index, progress=progress.report)
+        encoded = encode_map_index(index)
+        progress.report("storing", 0.0)
+        store_vectors(self.storage, job.map, encode_retrieval_vectors(retrieval_vectors(index)))
+        store_index(self.storage, job.map, index_config_digest(job.options.index), encoded)
+        return cloud, index, encoded
 
     def _remove_remains(self) -> None:
         """Remove unpacked archives that killed registrations have left."""
         # A read-only storage must not stop a rebuild.
         with contextlib.suppress(TryAgainError, OSError):
-            remove_remains(self._storage.spool_folder())
+            remove_remains(self.storage.spool_folder())
 
     def _store(self, job: RegisterJob, encoded: bytes) -> None:
         """Put an index into Redis. Raises MapNotFoundError when its revision was replaced or deleted meanwhile."""
         digest = index_config_digest(job.options.index)
-        self._cache.put_index(job.map, digest, encoded)
+        self.cache.put_index(job.map, digest, encoded)
         try:
             # After the write: a deletion changes the record first and removes the index last.
-            registration_of(self._storage, job.map)
+            registration_of(self.storage, job.map)
         except MapNotFoundError:
-            self._cache.forget_index(job.map, digest)
+            self.cache.forget_index(job.map, digest)
             raise
 
     def _store_with_retries(self, job: RegisterJob, encoded: bytes) -> None:
@@ -200,14 +192,14 @@ def _stats(cloud: PointCloud, index: MapIndex, index_bytes: int, seconds: dict[s
         "index_bytes": index_bytes,
         "seconds": seconds,
         "coordinate_system": cloud.coordinate_system,
-        "read_as": None if cloud.read_as is None else dataclasses.asdict(cloud.read_as),
+        "read_as": None if cloud.read_as is None else asdict(cloud.read_as),
         "floors": _floors(cloud),
     }
 
 
 def _floors(cloud: PointCloud) -> list[dict[str, Any]]:
     """Return the floors of a scan, bottom up, metres, in the scan's own frame."""
-    found = (dataclasses.asdict(floor) for floor in floors_of(cloud.positions))
+    found = (asdict(floor) for floor in floors_of(cloud.positions))
     return [{**floor, "level_m": floor["level_m"] + float(cloud.origin_offset[2])} for floor in found]
 
 
@@ -222,7 +214,7 @@ def _starts(index: MapIndex) -> list[dict[str, Any]]:
 def _sample_ply(cloud: PointCloud) -> bytes:
     """Return at most MAX_SAMPLE_POINTS coloured points as a binary PLY, shuffled: every prefix is a fair sample."""
     chosen = np.random.default_rng(0).permutation(len(cloud))[:MAX_SAMPLE_POINTS]
-    sample = dataclasses.replace(cloud, positions=cloud.positions[chosen], colors=cloud.colors[chosen])
+    sample = replace(cloud, positions=cloud.positions[chosen], colors=cloud.colors[chosen])
     return encode_ply(sample)
 
 
