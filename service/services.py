@@ -12,9 +12,8 @@ from panoloc.service.host.demo_room import DemoRoom
 from panoloc.service.host.redis_watch import watch_redis
 from panoloc.service.jobs import WorkerPool
 from panoloc.service.keys.audit_log import AuditLog
-from panoloc.service.limits.caller_rates import CallerRates, RateLimits
+from panoloc.service.limits.caller_rates import CallerRates, WrongKeys
 from panoloc.service.limits.capacity import bytes_in_flight, upload_places
-from panoloc.service.limits.wrong_keys import WrongKeys
 from panoloc.service.localizations import Localizations
 from panoloc.service.maps.changed_objects import ChangedObjects
 from panoloc.service.maps.changes import ChangeLog
@@ -57,8 +56,8 @@ class Services:
         refuse = self.metrics.note_refusal
         self.bytes_in_flight = bytes_in_flight(settings.max_image_bytes, refuse)
         self.uploads = upload_places(refuse, self.metrics.uploads.set)
-        limits = RateLimits(settings.max_requests_per_minute, settings.max_bytes_per_hour)
-        self.rates = CallerRates(settings.redis_url, limits, refuse)
+        limits = settings.max_requests_per_minute, settings.max_bytes_per_hour
+        self.rates = CallerRates(settings.redis_url, *limits, refuse)
         self.wrong_keys = WrongKeys()
         self.audit = AuditLog(settings.data_dir)
         self.export_turns = asyncio.Semaphore(_MOST_EXPORTS)

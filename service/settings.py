@@ -12,9 +12,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from panoloc.core.options import MAX_PIXELS, Method, ScanOptions
 from panoloc.service.host_names import host_names, origins
 from panoloc.service.jobs import PAPER_TIMEOUT_S
-from panoloc.service.keys.issuer_keys import IssuerKeys, is_url, read_keys
 from panoloc.service.keys.key_ring import KeyRing, callers_of_setting
-from panoloc.service.keys.tokens import TokenRules, Tokens
+from panoloc.service.keys.tokens import IssuerKeys, Tokens, is_url, read_keys
 from panoloc.service.limits.registration_limits import RegistrationLimits
 from panoloc.service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
 
@@ -220,8 +219,8 @@ class Settings(BaseSettings):
     def _tokens(self) -> Tokens | None:
         if self.oidc_issuer is None or self.oidc_audience is None or self.oidc_keys is None:
             return None
-        rules = TokenRules(self.oidc_issuer, self.oidc_audience, self.oidc_scopes_claim, self.oidc_tenant_claim)
-        return Tokens(rules, IssuerKeys(self.oidc_keys))
+        keys = IssuerKeys(self.oidc_keys)
+        return Tokens(self.oidc_issuer, self.oidc_audience, self.oidc_scopes_claim, self.oidc_tenant_claim, keys)
 
     def timeout_s_of(self, method: Method, is_searching_field_of_view: bool = False) -> float:
         """Return the seconds for a query of this method that names none itself; more where a field of view is searched

@@ -28,30 +28,23 @@ class UnpackedImage:
     sha256: str
 
 
-@dataclass(frozen=True)
-class UnpackLimits:
-    """max_images: in an archive. max_image_bytes: of one, max_total_bytes: of all, both unpacked."""
-
-    max_images: int
-    max_image_bytes: int
-    max_total_bytes: int
-
-
-def unpack_images(archive: Path, folder: Path, limits: UnpackLimits) -> tuple[list[UnpackedImage], list[str]]:
+def unpack_images(
+    archive: Path, folder: Path, max_images: int, max_image_bytes: int, max_total_bytes: int
+) -> tuple[list[UnpackedImage], list[str]]:
     """Return the images of a zip in its order, and the names of the files that are no images by their endings.
 
-    Raises UploadTooLargeError, and ArchiveError for what is no zip, is damaged, encrypted, or names files outside of
-    itself; nothing stays in the folder then.
+    max_image_bytes: of one, max_total_bytes: of all, both unpacked. Raises UploadTooLargeError, and ArchiveError for what is no zip, is
+    damaged, encrypted, or names files outside of itself; nothing stays in the folder then.
     """
     unpacked: list[UnpackedImage] = []
     try:
         with open_zip(archive) as opened:
-            images, ignored = _sorted_entries(opened, limits.max_images)
-            left = limits.max_total_bytes
+            images, ignored = _sorted_entries(opened, max_images)
+            left = max_total_bytes
             for entry in images:
                 target = folder / uuid.uuid4().hex
                 unpacked.append(UnpackedImage(entry.filename, target, ""))
-                digest, num_bytes = _unpack(opened, entry, target, limits.max_image_bytes, left)
+                digest, num_bytes = _unpack(opened, entry, target, max_image_bytes, left)
                 unpacked[-1] = UnpackedImage(entry.filename, target, digest)
                 left -= num_bytes
         return unpacked, ignored

@@ -133,7 +133,7 @@ async def _refuse_unknown(request: Request, key: str) -> None:
 def _scope_missing(request: Request, scope: Scope) -> str:
     tokens = services_of(request).settings.keys.tokens
     if tokens is not None and caller_of(request).id.startswith("token "):
-        return f"expected a token with 'panoloc:{scope}' in its claim {tokens.rules.scopes_claim!r}, got one without it"
+        return f"expected a token with 'panoloc:{scope}' in its claim {tokens.scopes_claim!r}, got one without it"
     return f"expected a key with the scope {scope!r}, got one without it; use another key"
 
 

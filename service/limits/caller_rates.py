@@ -1,10 +1,11 @@
-"""How much one caller may ask for over time: counted in Redis, for all API replicas together."""
+"""How much one caller may ask for over time, counted in Redis for all API replicas together; and how soon wrong keys are refused."""
 
+import asyncio
 import logging
 import math
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from typing import TypeVar
 
 from limits import RateLimitItemPerHour, RateLimitItemPerMinute
@@ -13,7 +14,7 @@ from limits.aio.strategies import FixedWindowRateLimiter, RateLimiter, SlidingWi
 from redis.asyncio import ConnectionPool
 from redis.exceptions import RedisError
 
-from panoloc.service.errors import RateError
+from panoloc.service.errors import RateError, WrongKeysError
 from panoloc.service.limits.capacity import Refusal
 
 _T = TypeVar("_T")
@@ -24,36 +25,36 @@ _PREFIX = "rate"
 _TIMEOUT_S = 1.0
 # After a failure, requests do not try Redis for so long.
 _PAUSE_S = 5.0
-
-
-@dataclass(frozen=True)
-class RateLimits:
-    """Limits of the settings of the same names, None for none."""
-
-    requests_per_minute: int | None
-    bytes_per_hour: int | None
+_WRONG_KEY_S = 1.0
+_MOST_WRONG_KEYS = 8  # that wait
 
 
 class CallerRates:
     """Used from one event loop. While Redis is away each process counts for itself."""
 
-    def __init__(self, redis_url: str | None, limits: RateLimits, note_refusal: Callable[[Refusal], None]) -> None:
-        """redis_url: None to count for this process alone. note_refusal: called with the limit that was hit."""
-        self.limits = limits
+    def __init__(
+        self,
+        redis_url: str | None,
+        requests_per_minute: int | None,
+        bytes_per_hour: int | None,
+        note_refusal: Callable[[Refusal], None],
+    ) -> None:
+        """redis_url: None to count for this process alone. Limits: None for none. note_refusal: called with the limit that was hit."""
+        self.requests_per_minute, self.bytes_per_hour = requests_per_minute, bytes_per_hour
         self._note_refusal = note_refusal
-        self._alone = _Counts(MemoryStorage(), limits)
+        self._alone = _Counts(MemoryStorage(), requests_per_minute, bytes_per_hour)
         self._pool, self._together = None, None
         if redis_url is not None and self.are_limited:
             self._pool = ConnectionPool.from_url(
                 redis_url, socket_timeout=_TIMEOUT_S, socket_connect_timeout=_TIMEOUT_S
             )
-            self._together = _Counts(_storage(redis_url, self._pool), limits)
+            self._together = _Counts(_storage(redis_url, self._pool), requests_per_minute, bytes_per_hour)
         self._alone_until_s = -math.inf
 
     @property
     def are_limited(self) -> bool:
         """Tell whether there is any limit."""
-        return self.limits != RateLimits(None, None)
+        return (self.requests_per_minute, self.bytes_per_hour) != (None, None)
 
     async def take(self, caller: str, brings_bytes: bool) -> None:
         """Count a request. Raises RateError after too many, and for one that brings bytes also after too many bytes."""
@@ -65,20 +66,20 @@ class CallerRates:
         self._note_refusal(limit)
         if limit == "byte-rate":
             raise RateError(
-                f"expected at most {self.limits.bytes_per_hour:,} bytes of one caller in an hour "
+                f"expected at most {self.bytes_per_hour:,} bytes of one caller in an hour "
                 f"(PANOLOC_MAX_BYTES_PER_HOUR), got more; wait {retry_after_s} s before the next upload, or send "
                 "smaller images or fewer; requests without uploads are still answered",
                 retry_after_s,
             )
         raise RateError(
-            f"expected at most {self.limits.requests_per_minute:,} requests of one caller in a minute "
+            f"expected at most {self.requests_per_minute:,} requests of one caller in a minute "
             f"(PANOLOC_MAX_REQUESTS_PER_MINUTE), got more; send fewer requests, the next one in {retry_after_s} s",
             retry_after_s,
         )
 
     async def headers(self, caller: str) -> dict[str, str]:
         """Return what a caller may know of his requests (IETF draft "RateLimit header fields for HTTP"); empty without a limit."""
-        limit = self.limits.requests_per_minute
+        limit = self.requests_per_minute
         if limit is None:
             return {}
         num_left, wait_s = await self._counted(lambda counts: counts.left(caller))
@@ -104,11 +105,37 @@ class CallerRates:
         return await count(self._alone)
 
 
+class WrongKeys:
+    """Slows down callers who try keys: a wrong key is refused after a pause for each that this address has waiting.
+
+    Used from one event loop. Right keys never wait, even of an address that many share."""
+
+    def __init__(self, pause_s: float = _WRONG_KEY_S, most_waiting: int = _MOST_WRONG_KEYS) -> None:
+        self._pause_s = pause_s
+        self._most_waiting = most_waiting
+        self._waiting: Counter[str] = Counter()
+
+    async def wait(self, address: str) -> None:
+        """Wait before a wrong key of this address is refused. Raises WrongKeysError where many wait already."""
+        if self._waiting[address] >= self._most_waiting:
+            raise WrongKeysError(
+                f"expected a known API key, got {self._most_waiting} unknown ones from this address within seconds; "
+                "ask the operator for a key",
+                round(self._most_waiting * self._pause_s) or 1,
+            )
+        self._waiting[address] += 1
+        try:
+            await asyncio.sleep(self._pause_s * self._waiting[address])
+        finally:
+            self._waiting[address] -= 1
+            if not self._waiting[address]:
+                del self._waiting[address]
+
+
 class _Counts:
     """What callers have asked for, in one storage."""
 
-    def __init__(self, storage: MemoryStorage | RedisStorage, limits: RateLimits) -> None:
-        requests, num_bytes = limits.requests_per_minute, limits.bytes_per_hour
+    def __init__(self, storage: MemoryStorage | RedisStorage, requests: int | None, num_bytes: int | None) -> None:
         # A sliding window spreads requests over the minute. Of bytes, one upload may be more than the limit, which only
         # fixed windows can count.
         self._sliding, self._fixed = SlidingWindowCounterRateLimiter(storage), FixedWindowRateLimiter(storage)

@@ -9,7 +9,7 @@ from fastapi import Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core.image.image_header import KNOWN_FORMATS
-from panoloc.service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
+from panoloc.service.batches.archive import UnpackedImage, unique_names, unpack_images
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import ArchiveError, InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_batch, require
@@ -200,11 +200,10 @@ async def _images(form: Form, services: Services, folder: Path) -> tuple[list[Un
     if not archives:
         return images, []
     settings = services.settings
-    limits = UnpackLimits(
-        settings.max_batch_images, settings.max_image_bytes, settings.max_image_bytes * _MAX_FULL_IMAGES
-    )
+    most_bytes = settings.max_image_bytes
+    limits = settings.max_batch_images, most_bytes, most_bytes * _MAX_FULL_IMAGES
     with disk_errors():
-        images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
+        images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, *limits)
     if not images:
         raise ArchiveError(
             "archive: expected images, got a zip without any; image names end in .jpg, .png, .webp, .heic or .avif"

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from panoloc.service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
+from panoloc.service.batches.archive import UnpackedImage, unique_names, unpack_images
 from panoloc.service.errors import ArchiveError, UploadTooLargeError
 
-LIMITS = UnpackLimits(max_images=3, max_image_bytes=1000, max_total_bytes=1500)
+LIMITS = {"max_images": 3, "max_image_bytes": 1000, "max_total_bytes": 1500}
 
 
 def packed(entries: Mapping[str | zipfile.ZipInfo, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
@@ -28,7 +28,7 @@ def unpack(folder: Path, data: bytes) -> tuple[list[UnpackedImage], list[str]]:
     (archive := folder / "photos.zip").write_bytes(data)
     (spool := folder / "spool").mkdir()
     try:
-        return unpack_images(archive, spool, LIMITS)
+        return unpack_images(archive, spool, **LIMITS)
     except (ArchiveError, UploadTooLargeError):
         assert list(spool.iterdir()) == []
         raise

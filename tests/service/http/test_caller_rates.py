@@ -8,7 +8,7 @@ import pytest
 from panoloc.service.errors import RateError
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.limits import caller_rates
-from panoloc.service.limits.caller_rates import CallerRates, RateLimits
+from panoloc.service.limits.caller_rates import CallerRates
 from tests.service.http.running_service import SCAN, RunningService, Serve
 
 pytestmark = pytest.mark.anyio
@@ -39,9 +39,12 @@ async def rates_of(redis_server: EmbeddedRedis) -> AsyncIterator[RatesOf]:
     made, unheard = list[CallerRates](), Refusals().note
 
     def make(
-        limits: RateLimits, note: Callable[[str], None] = unheard, url: str | None = redis_server.url
+        requests: int | None,
+        num_bytes: int | None,
+        note: Callable[[str], None] = unheard,
+        url: str | None = redis_server.url,
     ) -> CallerRates:
-        made.append(CallerRates(url, limits, note))
+        made.append(CallerRates(url, requests, num_bytes, note))
         return made[-1]
 
     yield make
@@ -52,7 +55,7 @@ async def rates_of(redis_server: EmbeddedRedis) -> AsyncIterator[RatesOf]:
 @pytest.mark.parametrize("where", ["together", "alone"])
 async def test_of_each_caller_so_many_requests_are_let_through(rates_of: RatesOf, where: str) -> None:
     refusals = Refusals()
-    rates = rates_of(RateLimits(5, None), refusals.note, **({} if where == "together" else {"url": None}))
+    rates = rates_of(5, None, refusals.note, **({} if where == "together" else {"url": None}))
     assert await num_let_through(rates, 8, f"key {where}") == 5
     assert await num_let_through(rates, 3, f"key {where} too") == 3
     assert refusals == ["request-rate"] * 3
@@ -62,13 +65,13 @@ async def test_of_each_caller_so_many_requests_are_let_through(rates_of: RatesOf
 
 
 async def test_replicas_count_together(rates_of: RatesOf) -> None:
-    first, second = (rates_of(RateLimits(6, None)) for _ in range(2))
+    first, second = (rates_of(6, None) for _ in range(2))
     assert await num_let_through(first, 4, "key shared") == 4
     assert await num_let_through(second, 4, "key shared") == 2
 
 
 async def test_who_has_sent_too_many_bytes_waits(rates_of: RatesOf) -> None:
-    rates = rates_of(RateLimits(None, 1000))
+    rates = rates_of(None, 1000)
     for num_bytes in (600, 600):  # the second goes beyond it, and is answered
         await rates.take("key sender", True)
         await rates.spend("key sender", num_bytes)
@@ -82,7 +85,7 @@ async def test_who_has_sent_too_many_bytes_waits(rates_of: RatesOf) -> None:
 async def test_without_redis_each_process_counts_for_itself(
     rates_of: RatesOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rates = rates_of(RateLimits(2, None), url=f"unix://{tmp_path}/nobody.sock")
+    rates = rates_of(2, None, url=f"unix://{tmp_path}/nobody.sock")
     assert await num_let_through(rates, 4) == 2
     assert caplog.text.count("this process counts the rates") == 1, "each request asked how Redis is"
     monkeypatch.setattr(caller_rates, "_PAUSE_S", 0.0)
@@ -121,7 +124,7 @@ async def test_a_scan_beyond_the_bytes_is_taken_and_the_next_request_refused_unr
 
 
 async def test_without_limits_nothing_is_counted(serve: Serve) -> None:
-    rates = CallerRates("unix:///nowhere.sock", RateLimits(None, None), Refusals().note)
+    rates = CallerRates("unix:///nowhere.sock", None, None, Refusals().note)
     assert await num_let_through(rates, 100) == 100
     async with serve() as running:
         assert not running.app.state.services.rates.are_limited

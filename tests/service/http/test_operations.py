@@ -15,7 +15,7 @@ import pytest
 
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.http.schemas.operations import Health
-from panoloc.service.limits.wrong_keys import WrongKeys
+from panoloc.service.limits.caller_rates import WrongKeys
 from tests.service.http.running_service import Listen, RunningService, Serve, running_service
 from tests.service.started_redis import started_redis
 

@@ -16,13 +16,11 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from panoloc.service.keys.caller import ALL_SCOPES, Caller
-from panoloc.service.keys.issuer_keys import IssuerKeys, read_keys
 from panoloc.service.keys.key_ring import KeyRing
-from panoloc.service.keys.tokens import TokenRefusedError, TokenRules, Tokens
+from panoloc.service.keys.tokens import IssuerKeys, TokenRefusedError, Tokens, read_keys
 from tests.service.keys.issuer import AUDIENCE, ISSUER, Issuer
 
 ISSUED = Issuer()
-RULES = TokenRules(ISSUER, AUDIENCE, "scope", "sub")
 
 
 @pytest.fixture
@@ -32,8 +30,8 @@ def keys(tmp_path: Path) -> IssuerKeys:
     return found
 
 
-def caller(keys: IssuerKeys, token: str, rules: TokenRules = RULES) -> Caller:
-    return Tokens(rules, keys).caller_of(token)
+def caller(keys: IssuerKeys, token: str, scopes_claim: str = "scope", tenant_claim: str = "sub") -> Caller:
+    return Tokens(ISSUER, AUDIENCE, scopes_claim, tenant_claim, keys).caller_of(token)
 
 
 @pytest.mark.parametrize("key_id", ["rsa", "ec", "ed"])
@@ -47,13 +45,12 @@ def test_scopes_and_tenants_are_read_where_the_issuer_puts_them(keys: IssuerKeys
         "resource_access": {"panoloc": {"roles": ["panoloc:write", 7, "offline"]}},
         "org": {"id": "museum"},
     }
-    rules = TokenRules(ISSUER, AUDIENCE, "resource_access.panoloc.roles", "org.id")
-    assert caller(keys, ISSUED.token(**roles), rules) == Caller("token anna", frozenset({"write"}), "museum")
+    claims = "resource_access.panoloc.roles", "org.id"
+    assert caller(keys, ISSUED.token(**roles), *claims) == Caller("token anna", frozenset({"write"}), "museum")
     url = "https://example.org/roles"
-    rules = TokenRules(ISSUER, AUDIENCE, url, "sub")
     roles = {url: ["panoloc:read"]}
-    assert caller(keys, ISSUED.token(**roles), rules).scopes == {"read"}
-    assert caller(keys, ISSUED.token(), rules).scopes == frozenset()
+    assert caller(keys, ISSUED.token(**roles), url).scopes == {"read"}
+    assert caller(keys, ISSUED.token(), url).scopes == frozenset()
     assert caller(keys, ISSUED.token(scope="panoloc:admin")) == Caller("token anna", ALL_SCOPES, None)
 
 
@@ -211,7 +208,7 @@ async def test_keys_are_there_as_soon_as_they_are_followed(url: str) -> None:
 
 
 def test_keys_and_tokens_open_the_same_service(tmp_path: Path, keys: IssuerKeys) -> None:
-    ring = KeyRing("written-down.with.dots", tmp_path, Tokens(RULES, keys))
+    ring = KeyRing("written-down.with.dots", tmp_path, Tokens(ISSUER, AUDIENCE, "scope", "sub", keys))
     assert ring.required
     assert ring.find("written-down.with.dots") is not None
     found = ring.find(ISSUED.token())
