@@ -1,6 +1,7 @@
 """`panoloc serve`: the HTTP process with its embedded Redis and its workers, from start to end."""
 
 import contextlib
+import ctypes
 import logging
 import os
 from collections.abc import MutableMapping
@@ -11,7 +12,6 @@ from panoloc.service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisErro
 from panoloc.service.host.logging import configure_logging
 from panoloc.service.host.process_resources import can_filter_system_calls
 from panoloc.service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
-from panoloc.service.host.secret_variables import remove_variables
 from panoloc.service.host_names import is_loopback
 from panoloc.service.http.server import DrainingServer, server_config
 from panoloc.service.pool.process_pool import ProcessPool, local_pool
@@ -76,8 +76,24 @@ def why_exposed(settings: Settings) -> str | None:
 
 
 def take_secrets_out(environment: MutableMapping[str, str]) -> None:
-    """Remove the keys of callers and of buckets from what child processes inherit or may look up: some of them read files of strangers."""
-    remove_variables(environment, [*_SECRETS, *variables_of_buckets(environment)])
+    """Remove the keys of callers and of buckets from what child processes inherit or may look up: some of them read files of strangers.
+
+    Linux shows other processes of the same user the environment that a process was started with (`/proc/…/environ`), whatever was unset
+    since: of variables of this process, the bytes that they were passed in go too.
+    """
+    for name in (*_SECRETS, *variables_of_buckets(environment)):
+        if environment is os.environ:
+            _overwrite(name)
+        environment.pop(name, None)
+
+
+def _overwrite(name: str) -> None:
+    with contextlib.suppress(OSError, AttributeError):  # a system without such a library shows nothing either
+        libc = ctypes.CDLL(None)
+        libc.getenv.restype = ctypes.c_void_p
+        address = libc.getenv(os.fsencode(name))
+        if address:
+            ctypes.memset(address, ord("*"), len(ctypes.string_at(address)))
 
 
 def build_pool(settings: Settings, redis_url: str) -> ProcessPool:

@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, get_args
+from urllib.parse import urlencode
 
 import typer
 from rich.markup import escape
@@ -18,7 +19,6 @@ from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.core.scan.file_names import distinct_names
 from panoloc.service.batches.tour import Photo, lacks_place
 from panoloc.service.cli.exit_codes import ExitCode
-from panoloc.service.cli.placing.kept_batch import take_hand_placements
 from panoloc.service.cli.placing.place_folder import PlaceFolder
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written, how_to_place
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
@@ -26,7 +26,10 @@ from panoloc.service.client import ApiProblemError, ClientError, JsonClient, Jso
 from panoloc.service.jobs import Result
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
-_REFUSED = 422
+IMAGES_AT_A_TIME = 200
+"""Files that are open at the same time, and images on a page."""
+
+_REFUSED, _NOT_FOUND = 422, 404
 
 
 FormatsOption = Annotated[
@@ -139,6 +142,18 @@ def check_on_earth(formats: list[ExportFormat], maps: Iterable[JsonObject]) -> N
         )
 
 
+def take_hand_placements(client: JsonClient, folder: PlaceFolder) -> None:
+    """Store the answers of photos that a person has placed since, or no longer places, in place of theirs. Raises ClientError."""
+    for batch_id, photos in folder.kept().items():
+        for item in _items(client, batch_id):
+            photo, answer = photos.get(item["name"]), item["answer"]
+            if photo is None or photo.result is None or answer is None:
+                continue
+            former = photo.result["answer"]
+            if answer != former and "hand" in (answer["placed_by"], former.get("placed_by")):
+                folder.put_result(photo, {"status": item["status"], "answer": answer})
+
+
 def _read_answers(source: Path, maps_folder: Path) -> PlacedPhotos:
     """Return the images of an answer, or of all in a folder, as `panoloc localize --out` saves them.
 
@@ -189,6 +204,21 @@ def _refresh(client: JsonClient, folder: PlaceFolder) -> str | None:
     except ClientError as error:
         return f"the export uses what is stored from the time of placing, because {error}"
     return None
+
+
+def _items(client: JsonClient, batch_id: str) -> Iterator[JsonObject]:
+    """Yield the images of a batch; none of one that was deleted."""
+    cursor: str | None = ""
+    while cursor is not None:
+        query = urlencode({"limit": IMAGES_AT_A_TIME} | ({"cursor": cursor} if cursor else {}))
+        try:
+            page = client.fetch_json(f"/batches/{batch_id}?{query}")
+        except ApiProblemError as problem:
+            if problem.status == _NOT_FOUND:
+                return
+            raise
+        yield from page["items"]
+        cursor = page["next_cursor"]
 
 
 def _fetch_exports(

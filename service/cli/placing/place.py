@@ -19,13 +19,14 @@ from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from panoloc.service.cli.placing.export import (
+    IMAGES_AT_A_TIME,
     FormatsOption,
     IncludeAmbiguousOption,
     check_on_earth,
     formats_of,
     show_refusals,
+    take_hand_placements,
 )
-from panoloc.service.cli.placing.kept_batch import keep, take_hand_placements
 from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused, is_final
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, ProcessFailedError, run_module
 from panoloc.service.cli.progress import counts_text, show_counts
@@ -121,9 +122,22 @@ def _folder_of_photos(given: Path, out: Path) -> Path:
 
 
 def _keep(session: Session, client: JsonClient, folder: PlaceFolder, name: str) -> None:
-    """Make batches of what was placed. That they cannot be made, as where there are too many, does not fail the run."""
+    """Send the photos with an answer that no batch has yet, with their answers, as batches, which the console shows.
+
+    name: of the batch; several are numbered. That they cannot be made, as where there are too many, does not fail the run.
+    """
+    unkept = folder.unkept()
+    parts = [unkept[first : first + IMAGES_AT_A_TIME] for first in range(0, len(unkept), IMAGES_AT_A_TIME)]
+    made = []
     try:
-        for batch in keep(client, folder, name):
+        for number, photos in enumerate(parts, 1):
+            answers = [photo.result["answer"]["id"] for photo in photos if photo.result is not None]
+            options = {"name": name if len(parts) == 1 else f"{name} ({number})", "answers": answers}
+            images = [(photo.name, photo.image) for photo in photos if photo.image is not None]
+            batch = client.make_batch(images, folder.question.map_ids, folder.question.tag, options)
+            folder.note_batch(photos, str(batch["id"]))
+            made.append(batch)
+        for batch in made:
             session.messages.print(f"kept as batch {batch['id']}, {batch['name']!r} in the console", markup=False)
     except ClientError as error:
         session.messages.print(f"not kept as a batch, so the console does not show the photos: {error}", markup=False)
