@@ -27,14 +27,16 @@ _WITHOUT_MAP = (
 
 
 @dataclass(frozen=True)
-class ExportRequest:
-    """One export. results: of the images that have one, by number. map_id: whose photos."""
+class PlacedBatch:
+    """What is exported. results: of the images that have one, by number. map_id: whose photos.
+
+    place: the map; None where it was deleted or the caller does not see it, so that its points and its place on Earth are missing.
+    """
 
     record: BatchRecord
     results: Mapping[int, Result]
-    format: ExportFormat
     map_id: str
-    include_ambiguous: bool
+    place: MapRecord | None
 
 
 def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | None) -> str:
@@ -50,64 +52,50 @@ def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | Non
     return found[0] if found else next(iter(record.map_ids), "none")
 
 
-async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord | None, time_s: float) -> BinaryIO:
+async def open_export(storage: Storage, batch: PlacedBatch, format: ExportFormat, include_ambiguous: bool) -> BinaryIO:
     """Return the open zip, which has no name any more, so that nothing is left of it when it is closed.
 
-    place: the map; None: it was deleted, so that its points and georeference are missing. Raises ExportRefusedError,
-    StorageError and ExportFailedError.
+    Raises ExportRefusedError, StorageError and ExportFailedError.
     """
     with ExitStack() as stack:
-        document = await asyncio.to_thread(_tour_document, storage, wanted, place, stack)
+        document = await asyncio.to_thread(_tour_document, storage, batch, format, include_ambiguous, stack)
         try:
-            return await written_file(
-                storage, "panoloc.core.exports", document, wanted.format, suffix=".zip", time_s=time_s
-            )
+            return await written_file(storage, "panoloc.core.exports", document, format, suffix=".zip")
         except ExportRefusedError as error:
-            if place is None or not lacks_place(wanted.format, document):
+            if batch.place is None or not lacks_place(format, document):
                 raise
-            raise ExportRefusedError(f"{error}; PATCH /maps/{place.id} sets one") from error
+            raise ExportRefusedError(f"{error}; PATCH /maps/{batch.place.id} sets one") from error
 
 
-async def draw_plan(
-    storage: Storage,
-    record: BatchRecord,
-    results: Mapping[int, Result],
-    map_id: str,
-    place: MapRecord | None,
-    time_s: float,
-) -> bytes:
-    """Return a PNG: the scan from above with the photos placed in a map. place: the map; None: it was deleted.
-
-    Raises StorageError and ExportFailedError.
-    """
+async def draw_plan(storage: Storage, batch: PlacedBatch) -> bytes:
+    """Return a PNG: the scan from above with the photos placed in the map. Raises StorageError and ExportFailedError."""
     with ExitStack() as stack:
-        photos = [Photo(name, None, results.get(number)) for number, name in enumerate(record.names)]
-        document = overview_document(map_id, await asyncio.to_thread(_points, storage, place, stack), photos)
-        with await written_file(
-            storage, "panoloc.core.exports.overview", document, suffix=".png", time_s=time_s
-        ) as picture:
+        photos = [Photo(name, None, batch.results.get(number)) for number, name in enumerate(batch.record.names)]
+        points = await asyncio.to_thread(_points, storage, batch.place, stack)
+        document = overview_document(batch.map_id, points, photos)
+        with await written_file(storage, "panoloc.core.exports.overview", document, suffix=".png") as picture:
             return await asyncio.to_thread(picture.read)
 
 
 def _tour_document(
-    storage: Storage, wanted: ExportRequest, place: MapRecord | None, stack: ExitStack
+    storage: Storage, batch: PlacedBatch, format: ExportFormat, include_ambiguous: bool, stack: ExitStack
 ) -> dict[str, Any]:
     """Return the tour; stack: keeps the files of photos and points where they are."""
     photos = []
-    for number, name in enumerate(wanted.record.names):
-        result, image = wanted.results.get(number), None
-        if why_left_out(result, wanted.map_id, wanted.include_ambiguous) is None:
-            image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
+    for number, name in enumerate(batch.record.names):
+        result, image = batch.results.get(number), None
+        if why_left_out(result, batch.map_id, include_ambiguous) is None:
+            image = stack.enter_context(storage.local_copy(image_key(batch.record.id, number), checked=False))
         photos.append(Photo(name, image, result))
-    points = _points(storage, place, stack)
+    points = _points(storage, batch.place, stack)
     tour = tour_document(
-        wanted.map_id,
-        wanted.include_ambiguous,
+        batch.map_id,
+        include_ambiguous,
         photos,
-        datetime.fromisoformat(wanted.record.created_at).timestamp(),
-        {} if place is None else map_document(place, None),
+        datetime.fromisoformat(batch.record.created_at).timestamp(),
+        {} if batch.place is None else map_document(batch.place, None),
         points,
-        _survey(storage, place, stack) if wanted.format == "e57" else None,
+        _survey(storage, batch.place, stack) if format == "e57" else None,
     )
     return {**tour, "lacks": _WITHOUT_MAP if points is None else None}
 

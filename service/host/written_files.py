@@ -15,11 +15,12 @@ from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)
 
+LONGEST_S = 600.0
 _REFUSED = 3  # exit code for what cannot be written as was asked for
 
 
 async def written_file(
-    storage: Storage, module: str, document: dict[str, Any], *options: str, suffix: str = "", time_s: float
+    storage: Storage, module: str, document: dict[str, Any], *options: str, suffix: str = ""
 ) -> BinaryIO:
     """Return what `python -m MODULE DOCUMENT OPTION... TARGET` writes, open and without a name, so that nothing is left of it once closed.
 
@@ -32,7 +33,7 @@ async def written_file(
     try:
         await asyncio.to_thread(source.write_text, json.dumps(document), encoding="utf-8")
         code, message = await run_module(
-            module, str(source), *options, str(target), environment=environment, time_s=time_s
+            module, str(source), *options, str(target), environment=environment, time_s=LONGEST_S
         )
         if code == _REFUSED:
             raise ExportRefusedError(message)
@@ -42,7 +43,7 @@ async def written_file(
             raise ExportFailedError("the process that writes the file failed; report it with the request id")
         return target.open("rb")
     except TimeoutError as error:
-        raise ExportFailedError(f"expected a file within {time_s:g} s, got none; ask for fewer photos") from error
+        raise ExportFailedError(f"expected a file within {LONGEST_S:g} s, got none; ask for fewer photos") from error
     finally:
         for path in (source, target):
             path.unlink(missing_ok=True)

@@ -8,7 +8,13 @@ from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBea
 
 from panoloc.core.errors import ExportRefusedError
 from panoloc.service.batches.record import BatchRecord
-from panoloc.service.errors import ExportFailedError, KeyMissingError, ScopeMissingError, StorageError
+from panoloc.service.errors import (
+    BatchNotFoundError,
+    ExportFailedError,
+    KeyMissingError,
+    ScopeMissingError,
+    StorageError,
+)
 from panoloc.service.keys.audit_log import Change
 from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
 from panoloc.service.keys.tokens import TokenRefusedError
@@ -83,9 +89,14 @@ def own_map(request: Request, map_id: str) -> MapRecord:
     return record
 
 
-def own_batch(request: Request, batch_id: str) -> BatchRecord:
-    """Return a batch of the caller. Raises BatchNotFoundError."""
-    return services_of(request).batches.get(batch_id, caller_of(request).tenant)
+def own_batch(request: Request, batch_id: str, number: int | None = None) -> BatchRecord:
+    """Return a batch of the caller. Raises BatchNotFoundError, also where it has no image of this number."""
+    record = services_of(request).batches.get(batch_id, caller_of(request).tenant)
+    if number is not None and number >= len(record.names):
+        raise BatchNotFoundError(
+            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
+        )
+    return record
 
 
 def note_change(request: Request, change: Change, what: str) -> None:

@@ -25,7 +25,6 @@ from panoloc.service.storage import Storage
 MOST_PHOTOS = 60
 """The newest; older ones make room."""
 
-_TIME_S = 600.0
 _EMPTY_ZIP = b"PK\x05\x06" + bytes(18)
 _REMEMBERED = 16
 _STEP_M = 0.5  # an object stands on a floor even if its lowest part was not seen
@@ -106,7 +105,7 @@ class ChangedObjects:
 
     async def _written(self, module: str, document: Document, *options: str) -> bytes:
         async with self._turns:
-            with await written_file(self._storage, module, document, *options, time_s=_TIME_S) as file:
+            with await written_file(self._storage, module, document, *options) as file:
                 return await asyncio.to_thread(file.read)
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import os
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 
 from fastapi import Depends, Path, Query, Request
@@ -12,16 +12,15 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from panoloc.core.image.conversion import converted
 from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, image_kind
 from panoloc.core.options import ExportFormat
-from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, open_export
+from panoloc.service.batches.export import PlacedBatch, draw_plan, map_of, open_export
 from panoloc.service.batches.record import BatchRecord
-from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
+from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import maps_seen, note_change, own_batch, require, while_there
 from panoloc.service.http.openapi import Router, file_response, json_response, nothing_left
 from panoloc.service.http.routes.localize import while_connected
 from panoloc.service.http.schemas.batches import Batch
 from panoloc.service.http.schemas.examples import BATCH_EXAMPLE
 from panoloc.service.jobs import Result
-from panoloc.service.maps.record import MapRecord
 from panoloc.service.services import Services, services_of
 
 Made = TypeVar("Made")
@@ -29,7 +28,6 @@ router = Router(tags=["batches"], dependencies=[Depends(require("localize"))])
 
 _MapId = Annotated[str | None, Query(description="Only photos placed in this map.", max_length=80)]
 _MAX_IGNORED = 100
-_EXPORT_TIME_S = 600.0
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
 _IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
@@ -73,11 +71,7 @@ async def get_image(
 ) -> Response:
     """Return an image as uploaded; a HEIC or AVIF as a JPEG, which all programs show. A file of another kind is returned as plain bytes."""
     services = services_of(request)
-    record = own_batch(request, batch_id)
-    if number >= len(record.names):
-        raise BatchNotFoundError(
-            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
-        )
+    own_batch(request, batch_id, number)
     data = await services.batches.image(batch_id, number)
     if max_side is not None or image_kind(data) in CONVERTED_KINDS:
         async with services.export_turns:
@@ -105,14 +99,8 @@ async def get_export(
 ) -> Response:
     """Return the photos placed so far. Photos without a pose are listed separately, never written with zeros."""
     storage, ambiguous = services_of(request).storage, include == "ambiguous"
-    file = await _made(
-        request,
-        batch_id,
-        map_id,
-        lambda record, results, of, place: open_export(
-            storage, ExportRequest(record, results, format, of, ambiguous), place, _EXPORT_TIME_S
-        ),
-    )
+    made = _made(request, batch_id, map_id, lambda batch: open_export(storage, batch, format, ambiguous))
+    file = await while_connected(request, made)
     name = re.sub(r"[^\w.-]+", "_", own_batch(request, batch_id).name[:80], flags=re.ASCII).strip("_.-") or batch_id
     headers = {
         "Content-Disposition": f'attachment; filename="{name}-{format}.zip"',
@@ -127,22 +115,14 @@ async def get_export(
     response_class=Response,
     responses=file_response("The picture.", ("image/png",), 401, 403, 404, 422),
 )
-async def get_plan(
-    request: Request,
-    batch_id: str,
-    map_id: _MapId = None,
-) -> Response:
+async def get_plan(request: Request, batch_id: str, map_id: _MapId = None) -> Response:
     """Return a plan with the position and direction of each photo, numbered from 1 in the order of the upload.
 
     Hollow dots are further places of ambiguous photos.
     """
     storage = services_of(request).storage
-    picture = await _made(
-        request,
-        batch_id,
-        map_id,
-        lambda record, results, of, place: draw_plan(storage, record, results, of, place, _EXPORT_TIME_S),
-    )
+    made = _made(request, batch_id, map_id, lambda batch: draw_plan(storage, batch))
+    picture = await while_connected(request, made)
     return Response(picture, media_type="image/png", headers={"Cache-Control": "private, no-cache"})
 
 
@@ -196,27 +176,19 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
 
 
 async def _made(
-    request: Request,
-    batch_id: str,
-    map_id: str | None,
-    make: Callable[[BatchRecord, Mapping[int, Result], str, MapRecord | None], Awaitable[Made]],
+    request: Request, batch_id: str, map_id: str | None, make: Callable[[PlacedBatch], Awaitable[Made]]
 ) -> Made:
-    """Return what `make` makes, in its turn, of a batch, its results, a map and the record of the map; None for the
-    record where the map was deleted or the caller does not see it."""
+    """Return what `make` makes, in its turn, of the photos of a batch in a map."""
     services, record = services_of(request), own_batch(request, batch_id)
-
-    async def made() -> Made:
-        async with services.export_turns:
-            results = await services.batches.results(batch_id, range(len(record.names)))
-            of = map_of(record, results, map_id)
-            await services.registry.find([of])
-            maps = maps_seen(request)
-            if not maps.has(of):
-                return await make(record, results, of, None)
-            async with while_there(request, of):
-                return await make(record, results, of, maps.get(of))
-
-    return await while_connected(request, made())
+    async with services.export_turns:
+        results = await services.batches.results(batch_id, range(len(record.names)))
+        of = map_of(record, results, map_id)
+        await services.registry.find([of])
+        maps = maps_seen(request)
+        if not maps.has(of):
+            return await make(PlacedBatch(record, results, of, None))
+        async with while_there(request, of):
+            return await make(PlacedBatch(record, results, of, maps.get(of)))
 
 
 def item_document(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:

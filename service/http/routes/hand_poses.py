@@ -10,7 +10,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.service.answer import Localization
 from panoloc.service.batches.by_hand import ByHand, HandPlacing, Pairs, Placed, Placement
 from panoloc.service.batches.record import BatchRecord
-from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
+from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import note_change, own_batch, require
 from panoloc.service.http.openapi import Router, json_body, json_response
 from panoloc.service.http.routes.batches import item_document
@@ -39,7 +39,7 @@ async def place_by_hand(request: Request, batch_id: str, number: _Number) -> Res
     A confirmed photo is `localized`, `placed_by` `hand`, in lists, tours and exports; `DELETE` brings the answer of the search back. The
     same request can be sent again.
     """
-    services, record = services_of(request), _photo(request, batch_id, number)
+    services, record = services_of(request), own_batch(request, batch_id, number)
     wanted = parse_json(HandPose, await read_body(request.stream()), "body")
     if not await services.batches.results(batch_id, [number]):
         raise InvalidOptionsError.of(
@@ -71,7 +71,7 @@ async def place_by_hand(request: Request, batch_id: str, number: _Number) -> Res
 )
 async def undo_placement(request: Request, batch_id: str, number: _Number) -> Response:
     """Return to the answer of the search, and return the photo as it is then."""
-    services, record = services_of(request), _photo(request, batch_id, number)
+    services, record = services_of(request), own_batch(request, batch_id, number)
     await _placing(services).undo(record, number)
     note_change(request, "photo placed", f"{batch_id} {number}")
     return JSONResponse(await _item(services, record, number))
@@ -79,15 +79,6 @@ async def undo_placement(request: Request, batch_id: str, number: _Number) -> Re
 
 def _placing(services: Services) -> HandPlacing:
     return HandPlacing(services.batches, services.localizations, services.settings.max_pixels)
-
-
-def _photo(request: Request, batch_id: str, number: int) -> BatchRecord:
-    record = own_batch(request, batch_id)
-    if number >= len(record.names):
-        raise BatchNotFoundError(
-            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
-        )
-    return record
 
 
 def _by_hand(wanted: HandPose, record: BatchRecord) -> ByHand:

@@ -70,8 +70,11 @@ async def pid_of(begun: Path) -> int:
 
 
 @pytest.mark.slow
-async def test_an_export_that_takes_too_long_is_killed(endless: Path, tmp_path: Path) -> None:
-    task = asyncio.create_task(written_file(FolderStorage(tmp_path), "endless", {}, time_s=3.0))
+async def test_an_export_that_takes_too_long_is_killed(
+    endless: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("panoloc.service.host.written_files.LONGEST_S", 3.0)
+    task = asyncio.create_task(written_file(FolderStorage(tmp_path), "endless", {}))
     pid = await pid_of(endless)
     with pytest.raises(ExportFailedError, match="expected a file within 3 s"):
         await task
