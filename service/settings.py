@@ -4,9 +4,9 @@ import os
 import ssl
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import AliasChoices, Field, field_validator, model_validator
+from pydantic import AfterValidator, AliasChoices, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from panoloc.core.options import MAX_PIXELS, Method, ScanOptions
@@ -137,12 +137,12 @@ class Settings(BaseSettings):
     oidc_tenant_claim: str = Field(
         "sub", min_length=1, description="Claim with the caller's tenant; dots separate nested claims."
     )
-    allowed_hosts: str = Field(
+    allowed_hosts: Annotated[str, AfterValidator(lambda text: ",".join(host_names(text)))] = Field(
         "",
         description="Without keys: host names of the service, besides addresses, `localhost` and the machine's own "
         "name; separated by commas; `*` for all.",
     )
-    allowed_origins: str = Field(
+    allowed_origins: Annotated[str, AfterValidator(lambda text: ",".join(origins(text)))] = Field(
         "",
         description="Origins of web pages that may call the service from browsers, such as `https://app.example.org`; separated by "
         "commas; `*` for all.",
@@ -176,16 +176,6 @@ class Settings(BaseSettings):
     def _keys_can_be_read(cls, value: str) -> str:
         callers_of_setting(value)
         return value
-
-    @field_validator("allowed_hosts")
-    @classmethod
-    def _hosts_are_names(cls, value: str) -> str:
-        return ",".join(host_names(value))
-
-    @field_validator("allowed_origins")
-    @classmethod
-    def _origins_are_origins(cls, value: str) -> str:
-        return ",".join(origins(value))
 
     @field_validator("oidc_keys")
     @classmethod

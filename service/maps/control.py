@@ -6,7 +6,6 @@ In storage: `control/{map}.json`, beside the maps and not in them, as changes ar
 import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,8 @@ from panoloc.core.survey.control_csv import ControlPoint
 from panoloc.service.answer import Document
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.jobs import MapRef
+from panoloc.service.maps.record import MapRecord, bounds_of, place_on_earth
+from panoloc.service.maps.selection import serving_ref
 from panoloc.service.storage import Storage
 from panoloc.service.storage.sealed_json import seal, unseal
 
@@ -67,21 +68,17 @@ class ControlBook:
         await asyncio.to_thread(self._storage.delete, _key_of(map_id))
 
 
-def control_document(
-    ref: MapRef, kept: ControlPoints, place: Mapping[str, Any], bounds: Mapping[str, Sequence[float]] | None
-) -> Document:
-    """Return the body of `GET /maps/{id}/control-points`. Blocking. Raises OptionsError.
-
-    place: as `check_control` takes it. bounds: `min` and `max` of the scan, if known.
-    """
-    found = check_control(kept.points, kept.coordinate_system, kept.geoid_undulation_m, place)
+def control_document(record: MapRecord, kept: ControlPoints) -> Document:
+    """Return the body of `GET /maps/{id}/control-points`. Blocking. Raises OptionsError, MapNotReadyError and MapUnusableError."""
+    ref = serving_ref(record)
+    found = check_control(kept.points, kept.coordinate_system, kept.geoid_undulation_m, place_on_earth(record))
     used = [point.name for point in kept.points if point.position_m is not None]
     warnings = list(found.warnings)
     if kept.points and kept.revision != ref.revision:
         warnings.append(
             f"the places in the scan are of revision {kept.revision}, and revision {ref.revision} serves; click them again"
         )
-    if far := _far(kept.points, bounds):
+    if far := _far(kept.points, bounds_of(record)):
         warnings.append(
             f"{', '.join(far[:5])}: the place in the scan is more than {_FAR_M:g} m outside of the scan; check its unit and columns"
         )

@@ -3,7 +3,7 @@
 import base64
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 from panoloc.service.errors import InvalidOptionsError, MapNotFoundError
@@ -12,15 +12,15 @@ from panoloc.service.maps.record import MapRecord, coordinate_system_of
 
 
 class VisibleMaps:
-    """The maps that one caller sees. tenant: None sees all maps."""
+    """The maps that one caller sees: the reading side of a registry. tenant: None sees all maps."""
 
-    def __init__(self, records: Mapping[str, MapRecord], tenant: str | None) -> None:
-        self._visible = records
+    def __init__(self, records: dict[str, MapRecord], tenant: str | None) -> None:
+        self._records = records
         self.tenant = tenant
 
     def get(self, map_id: str) -> MapRecord:
         """Return a map. Raises MapNotFoundError, in the same words for one of other tenants."""
-        record = self._visible.get(map_id)
+        record = self._records.get(map_id)
         if record is None or not record.is_seen_by(self.tenant):
             others = "" if self.tenant is None else ", or belongs to a tenant that does not share it with this key "
             "(shared_with)"
@@ -32,26 +32,18 @@ class VisibleMaps:
 
     def has(self, map_id: str) -> bool:
         """Tell whether there is a map under this id."""
-        record = self._visible.get(map_id)
+        record = self._records.get(map_id)
         return record is not None and record.is_seen_by(self.tenant)
 
     def all(self) -> list[MapRecord]:
         """Return all maps, oldest first."""
-        return sorted((each for each in self._visible.values() if each.is_seen_by(self.tenant)), key=_order)
+        return sorted((each for each in self._records.values() if each.is_seen_by(self.tenant)), key=_order)
 
     def with_tag(self, tag: str) -> list[MapRecord]:
         """Return the maps with a tag, oldest first."""
         return [record for record in self.all() if tag in record.tags]
 
-
-class KnownMaps(VisibleMaps):
-    """The reading side of a registry."""
-
-    def __init__(self) -> None:
-        self._records: dict[str, MapRecord] = {}
-        super().__init__(self._records, None)
-
-    def seen_by(self, tenant: str | None) -> VisibleMaps:
+    def seen_by(self, tenant: str | None) -> "VisibleMaps":
         """Return the maps that a tenant sees; None: all."""
         return VisibleMaps(self._records, tenant)
 
@@ -69,22 +61,19 @@ class KnownMaps(VisibleMaps):
                 found[record.id] = {"coordinate_system": system, "geoid_undulation_m": record.geoid_undulation_m}
         return found
 
-    def page(
-        self, tag: str | None, limit: int, cursor: str | None, tenant: str | None = None
-    ) -> tuple[list[MapRecord], str | None]:
+    def page(self, tag: str | None, limit: int, cursor: str | None) -> tuple[list[MapRecord], str | None]:
         """Return at most `limit` maps after a cursor, and the cursor of the next page.
 
         Maps that come or go between two pages do not disturb: a cursor is a place in the order, not a number.
         """
-        seen = self.seen_by(tenant)
         after = decode_cursor(cursor) if cursor is not None else ("", "")
-        found = [each for each in (seen.all() if tag is None else seen.with_tag(tag)) if _order(each) > after]
+        found = [each for each in (self.all() if tag is None else self.with_tag(tag)) if _order(each) > after]
         more = len(found) > limit
         return found[:limit], encode_cursor(*_order(found[limit - 1])) if more else None
 
-    def num_by_status(self, tenant: str | None = None) -> Counter[str]:
-        """Count the maps that a tenant sees, None for all, by the status of their newest revision."""
-        return Counter(record.newest.status for record in self._records.values() if record.is_seen_by(tenant))
+    def num_by_status(self) -> Counter[str]:
+        """Count the maps by the status of their newest revision."""
+        return Counter(record.newest.status for record in self.all())
 
     def failed(self) -> list[MapRecord]:
         """Return the maps whose newest revision could not be built, oldest first."""

@@ -24,7 +24,7 @@ from panoloc.service.errors import (
     VersionConflictError,
 )
 from panoloc.service.jobs import MapRef, now
-from panoloc.service.maps.known_maps import KnownMaps
+from panoloc.service.maps.known_maps import VisibleMaps
 from panoloc.service.maps.record import MapRecord, folder_of, key_of, read_stamped_record, write_record
 from panoloc.service.sharing.change_signal import Publish, publish_nothing
 from panoloc.service.sharing.locks import HeldLock, KeyedLock, Locks, OwnLocks
@@ -39,7 +39,7 @@ _ID = re.compile(r"map_[0-9a-f]{16}")
 _LEFT_BEHIND_S = 24 * 3600.0
 
 
-class MapRegistry(KnownMaps):
+class MapRegistry(VisibleMaps):
     """Used from one event loop. publish: awaited with the id of each map that this process has changed, made or deleted.
 
     A change is in storage before it is seen in memory; a deletion is seen first, so that nobody finds a map whose files
@@ -48,7 +48,7 @@ class MapRegistry(KnownMaps):
 
     def __init__(self, storage: Storage, max_maps: int, locks: Locks | None = None) -> None:
         """locks: of the processes that share the storage; None: there is no other."""
-        super().__init__()
+        super().__init__({}, None)
         self._storage = storage
         self._max_maps = max_maps
         self._locks = locks or OwnLocks()

@@ -7,7 +7,7 @@ from panoloc.core.earth.georeference import coordinate_system, ecef_of, outside_
 from panoloc.core.remarks import Remark
 from panoloc.service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from panoloc.service.jobs import MapRef
-from panoloc.service.maps.known_maps import KnownMaps, VisibleMaps
+from panoloc.service.maps.known_maps import VisibleMaps
 from panoloc.service.maps.record import MapRecord, coordinate_system_of
 
 _RETRY_AFTER_S = 2
@@ -48,7 +48,7 @@ class MapChoice:
             )
         return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None, tenant)
 
-    def resolve(self, registry: KnownMaps) -> ChosenMaps:
+    def resolve(self, registry: VisibleMaps) -> ChosenMaps:
         """Return the revisions that answer now.
 
         Every map that is named has to be ready; of all maps, or those of a tag, the ones that are. Raises MapNotFoundError,

@@ -11,7 +11,7 @@ from panoloc.service.http.schemas.control import CONTROL_BODY_EXAMPLE, CONTROL_E
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import named_field, parse_json
 from panoloc.service.maps.control import ControlPoints, control_document
-from panoloc.service.maps.record import MapRecord, bounds_of, place_on_earth
+from panoloc.service.maps.record import MapRecord
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.services import services_of
 
@@ -45,7 +45,7 @@ async def put_control_points(request: Request, map_id: str) -> Response:
     with named_field():
         sent = body.to_points()
         # Before they are stored: what cannot be compared is refused.
-        await asyncio.to_thread(control_document, ref, sent, place_on_earth(record), bounds_of(record))
+        await asyncio.to_thread(control_document, record, sent)
     kept = await services_of(request).control.write(ref, sent)
     note_change(request, "map changed", map_id)
     return await _report(record, kept)
@@ -53,8 +53,4 @@ async def put_control_points(request: Request, map_id: str) -> Response:
 
 async def _report(record: MapRecord, kept: ControlPoints) -> Response:
     with named_field():
-        return JSONResponse(
-            await asyncio.to_thread(
-                control_document, serving_ref(record), kept, place_on_earth(record), bounds_of(record)
-            )
-        )
+        return JSONResponse(await asyncio.to_thread(control_document, record, kept))

@@ -10,7 +10,7 @@ from fastapi import Depends, Header, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
-from panoloc.service.http.access import caller_of, maps_seen, note_change, own_map, require
+from panoloc.service.http.access import maps_seen, note_change, own_map, require
 from panoloc.service.http.openapi import Router, json_body, json_response, nothing_left
 from panoloc.service.http.routes.map_links import end_links
 from panoloc.service.http.routes.new_scans import read_again
@@ -43,9 +43,8 @@ async def list_maps(
     cursor: Annotated[str | None, Query(description="`next_cursor` of the previous page.", max_length=512)] = None,
 ) -> Response:
     """Return maps, oldest first, page by page."""
-    services = services_of(request)
-    records, next_cursor = services.registry.page(tag, limit, cursor, caller_of(request).tenant)
-    return JSONResponse({"items": await documents(services, records), "next_cursor": next_cursor})
+    records, next_cursor = maps_seen(request).page(tag, limit, cursor)
+    return JSONResponse({"items": await documents(services_of(request), records), "next_cursor": next_cursor})
 
 
 @router.get(

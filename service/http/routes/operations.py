@@ -150,7 +150,7 @@ async def _details(services: Services, tenant: str | None) -> dict[str, object]:
         "redis": "up" if redis_is_up else "down",
         "storage": "writable" if lack is None else "not_writable",
         "workers": {name: getattr(pool, name) for name in PoolHealth.model_fields},
-        "maps": dict(services.registry.num_by_status(tenant)),
+        "maps": dict(services.registry.seen_by(tenant).num_by_status()),
     }
 
 
