@@ -10,10 +10,9 @@ import typer
 from rich.text import Text
 
 from panoloc.core.options import UnitChoice, UpAxisChoice
-from panoloc.service.cli.control_table import control_table, words_here
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from panoloc.service.cli.tables import map_table, older_revision
+from panoloc.service.cli.tables import control_table, map_table, older_revision, words_here
 from panoloc.service.client import ClientError, JsonClient, JsonObject, UnreachableError
 from panoloc.service.host_names import is_loopback
 

@@ -15,9 +15,8 @@ from panoloc.service.http.access import note_change, own_batch, require
 from panoloc.service.http.openapi import Router, json_body, json_response
 from panoloc.service.http.routes.batches import item_document
 from panoloc.service.http.routes.localize import QUERY_ERRORS, while_connected
-from panoloc.service.http.schemas.batches import BatchItem
+from panoloc.service.http.schemas.batches import BatchItem, HandPlacement, HandPose
 from panoloc.service.http.schemas.examples import HAND_PLACEMENT_EXAMPLE, HAND_POSE_EXAMPLE
-from panoloc.service.http.schemas.hand_poses import HandPlacement, HandPose
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import named_field, parse_json
 from panoloc.service.services import Services, services_of

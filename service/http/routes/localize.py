@@ -26,8 +26,7 @@ from panoloc.service.http.openapi import (
     nothing_left,
     path_header,
 )
-from panoloc.service.http.priors import with_pose_of_prior
-from panoloc.service.http.query_images import query_images
+from panoloc.service.http.query_images import query_images, with_pose_of_prior
 from panoloc.service.http.schemas.examples import (
     LOCALIZATION_EXAMPLE,
     OPTIONS_EXAMPLE,

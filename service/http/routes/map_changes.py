@@ -14,9 +14,9 @@ from panoloc.service.answer import Document
 from panoloc.service.errors import ObjectNotFoundError
 from panoloc.service.http.access import caller_of, maps_seen, require, while_there
 from panoloc.service.http.openapi import Router, file_response, json_response
-from panoloc.service.http.schemas.changes import MapChanges
 from panoloc.service.http.schemas.coordinates import coordinates_of
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
+from panoloc.service.http.schemas.known_map import MapChanges
 from panoloc.service.jobs import MapRef
 from panoloc.service.maps.changed_objects import FoundObjects
 from panoloc.service.maps.changes import Period

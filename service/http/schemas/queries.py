@@ -248,7 +248,7 @@ class Prior(RequestModel):
         return self
 
     def to_options(self) -> options.PosePrior:
-        """Return the prior for the worker. `pose`: has been filled in by `panoloc.service.http.priors`."""
+        """Return the prior for the worker. `pose`: has been filled in by `panoloc.service.http.query_images`."""
         assert self.pose is not None
         place, turned = self.pose.map_from_camera.position_m, self.pose.map_from_camera.quaternion
         return options.PosePrior(

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from panoloc.service.http.api_page import api_page
 from panoloc.service.http.routes import pages
+from panoloc.service.http.routes.pages import api_page
 from tests.service.http.running_service import RunningService
 
 pytestmark = pytest.mark.anyio

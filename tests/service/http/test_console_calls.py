@@ -7,7 +7,7 @@ import pytest
 
 from panoloc.core.errors import ScanFormatError
 from panoloc.service.host import demo_room
-from panoloc.service.http.schemas.changes import MapChanges
+from panoloc.service.http.schemas.known_map import MapChanges
 from panoloc.service.http.schemas.operations import Health
 from tests.service.http.fake_pool import outcome_of
 from tests.service.http.running_service import RunningService, png_of

@@ -18,8 +18,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Status
 from panoloc.core.survey.resection import resect
 from panoloc.service.batches.hand_evidence import of_pairs
-from panoloc.service.http.schemas.batches import BatchItem
-from panoloc.service.http.schemas.hand_poses import HandPlacement
+from panoloc.service.http.schemas.batches import BatchItem, HandPlacement
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
 from panoloc.service.keys.caller import Scope
 from panoloc.service.keys.key_file import KeyFile

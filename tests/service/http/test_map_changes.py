@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from panoloc.service.host import written_files
-from panoloc.service.http.schemas.changes import MapChanges
+from panoloc.service.http.schemas.known_map import MapChanges
 from panoloc.service.jobs import ChangePhoto, LocalizeJob, LocalizeOutcome
 from panoloc.service.maps.changed_objects import floor_of
 from tests.service.http.fake_pool import IN_UTM, outcome_of

@@ -13,9 +13,8 @@ from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
 from panoloc.service.http.schemas import examples
 from panoloc.service.http.schemas.batches import Batch, BatchPage
-from panoloc.service.http.schemas.changes import MapChanges
 from panoloc.service.http.schemas.geopose import GeoPoseRequest
-from panoloc.service.http.schemas.known_map import Map
+from panoloc.service.http.schemas.known_map import Map, MapChanges
 from panoloc.service.http.schemas.maps import MapOptions, MapPatch, name_of_file
 from panoloc.service.http.schemas.maps import ScanOptions as ScanSchema
 from panoloc.service.http.schemas.queries import LocalizeOptions
