@@ -219,9 +219,3 @@ BY_STATUS = (Localized, Ambiguous, NotLocalized)
 def picture_path(localization_id: str, name: str) -> str:
     """Return the path of one PNG of an answer."""
     return f"/localizations/{localization_id}/{name.replace('_', '-')}.png"
-
-
-def in_map_axes(position_m: list[float], frame: Frame) -> tuple[float, float, float]:
-    """Return a position with z up; webxr has (x, z, −y) of the map, unity (x, z, y)."""
-    first, second, third = position_m
-    return {"webxr": (first, -third, second), "unity": (first, third, second)}.get(frame, (first, second, third))

@@ -20,7 +20,7 @@ from panoloc.service.storage import Storage, open_storage
 from panoloc.service.storage.bucket import BucketStorage
 from panoloc.service.storage.claim import BucketClaim, BucketUnusableError
 from panoloc.service.storage.urls import variables_of_buckets
-from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 
 _log = logging.getLogger(__name__)
 
@@ -98,7 +98,7 @@ def _overwrite(name: str) -> None:
 
 def build_pool(settings: Settings, redis_url: str) -> ProcessPool:
     """Put the pool together from the settings; nothing starts yet."""
-    plan = WorkerPlan(WorkerSettings.of(settings, redis_url))
+    plan = WorkerPlan.of(settings, redis_url)
     if settings.ray_address is None:
         return local_pool(settings, plan)
     from panoloc.service.ray.bridge_pool import BridgePool

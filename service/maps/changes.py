@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from panoloc.service.answer import Document, in_map_axes
+from panoloc.service.answer import Document
 from panoloc.service.errors import InvalidOptionsError, StorageError
 from panoloc.service.jobs import ChangePhoto, MapRef
 from panoloc.service.storage import Storage
@@ -214,8 +214,10 @@ def _is_own(photo: Document) -> bool:
 
 
 def _position_of(pose: Document) -> list[float]:
-    """Return the position of a photo in the map's own axes, whatever axes the answer has."""
-    return list(in_map_axes(list(pose["map_from_camera"]["position_m"].values()), pose["frame"]))
+    """Return the position of a photo in the map's own axes, z up: webxr has (x, z, −y) of the map, unity (x, z, y)."""
+    first, second, third = pose["map_from_camera"]["position_m"].values()
+    in_map = {"webxr": [first, -third, second], "unity": [first, third, second]}
+    return in_map.get(pose["frame"], [first, second, third])
 
 
 def _folder_of(map_id: str) -> str:

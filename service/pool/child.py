@@ -21,7 +21,7 @@ def main(what: str = "worker") -> None:
     """Run the worker, or the "builder" of one map, that the first message describes."""
     pipes = ChildPipes()
     plan: WorkerPlan = pipes.receive()
-    configure_logging(*plan.settings.log)
+    configure_logging(*plan.log)
     requests: queue.Queue[Request] = queue.Queue()
     cancelled: set[int] = set()
 

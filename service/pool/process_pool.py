@@ -44,7 +44,7 @@ def local_pool(settings: Settings, plan: WorkerPlan) -> "ProcessPool":
     """Return the default pool: one worker per GPU, or per CPU socket where there is none. Nothing starts yet."""
     gpus = visible_gpus()
     num_workers = settings.num_workers or len(gpus) or num_sockets()
-    plan = replace(plan, settings=replace(plan.settings, workers_per_machine=num_workers))
+    plan = replace(plan, workers_per_machine=num_workers)
     environments = [{"CUDA_VISIBLE_DEVICES": gpus[number % len(gpus)]} if gpus else {} for number in range(num_workers)]
     memory_bytes = int(_WORKERS_SHARE * usable_memory_bytes() / num_workers)
     return ProcessPool(settings, plan, environments, memory_bytes)

@@ -25,7 +25,7 @@ from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.messages import Build
 from panoloc.service.pool.worker_process import OVERDUE_S, run_build
 from panoloc.service.settings import Settings
-from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerReply
 
 APPLICATION, LOCALIZER, BUILDER = "panoloc", "localizer", "builder"
@@ -111,8 +111,8 @@ def description(plan: WorkerPlan) -> dict[str, str]:
     """Return what workers and API replicas must have in common, without passwords."""
     return {
         "version": version("panoloc"),
-        "PANOLOC_REDIS_URL": plan.settings.redis_url.rpartition("@")[2],
-        "PANOLOC_DATA_DIR or PANOLOC_STORAGE": plan.settings.storage_url,
+        "PANOLOC_REDIS_URL": plan.redis_url.rpartition("@")[2],
+        "PANOLOC_DATA_DIR or PANOLOC_STORAGE": plan.storage_url,
     }
 
 
@@ -129,7 +129,7 @@ def plan_of_environment() -> WorkerPlan:
     settings = Settings()
     if settings.redis_url is None:
         raise ValueError("expected PANOLOC_REDIS_URL with a Redis that all machines reach, but it is not set")
-    return WorkerPlan(WorkerSettings.of(settings, settings.redis_url))
+    return WorkerPlan.of(settings, settings.redis_url)
 
 
 def application(plan: WorkerPlan, num_workers: int | str | None = None) -> serve.Application:
@@ -138,7 +138,7 @@ def application(plan: WorkerPlan, num_workers: int | str | None = None) -> serve
     num_machines = sum(node["Alive"] and node["Resources"].get("CPU", 0) >= 1 for node in ray.nodes()) or 1
     wanted = int(num_workers or num_gpus or num_machines)
     has_gpu = wanted <= num_gpus
-    shared = replace(plan, settings=replace(plan.settings, workers_per_machine=math.ceil(wanted / num_machines)))
+    shared = replace(plan, workers_per_machine=math.ceil(wanted / num_machines))
     common = {
         "max_queued_requests": -1,
         "health_check_period_s": _HEALTH_CHECK_PERIOD_S,

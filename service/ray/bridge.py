@@ -126,7 +126,7 @@ def main(address: str) -> None:
     """Join the cluster and serve until the service or the cluster ends."""
     pipes = ChildPipes()
     plan: WorkerPlan = pipes.receive()
-    configure_logging(*plan.settings.log)
+    configure_logging(*plan.log)
     watchdog = Watchdog(pipes, _LONGEST_JOIN_S)
     try:
         ray.init(address=address, namespace=APPLICATION, log_to_driver=False, logging_level="ERROR")

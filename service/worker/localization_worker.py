@@ -23,7 +23,7 @@ from panoloc.service.host.process_resources import keep_freed_memory, num_usable
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from panoloc.service.storage import Storage
 from panoloc.service.worker.answers import answer_of, change_cells, change_photo
-from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.query_images import as_found, read_query, shown_on_sphere
 from panoloc.service.worker.reply import WorkerReply, guarded
 from panoloc.service.worker.shelf import MissingIndexError, QueryMaps, Shelf
@@ -35,10 +35,10 @@ Result = TypeVar("Result")
 class LocalizationWorker:
     """Holds a localizer and the maps used last. Computes one query at a time."""
 
-    def __init__(self, settings: WorkerSettings, localizer: Localizer, storage: Storage, cache: WorkerCache) -> None:
-        self._settings = settings
+    def __init__(self, plan: WorkerPlan, localizer: Localizer, storage: Storage, cache: WorkerCache) -> None:
+        self._plan = plan
         self._localizer = localizer
-        self._shelf = Shelf(storage, cache, str(localizer.device), settings.resident_bytes)
+        self._shelf = Shelf(storage, cache, str(localizer.device), plan.resident_bytes)
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def localize(
@@ -47,7 +47,7 @@ class LocalizationWorker:
         """Answer one query, or score the maps of a share of it, or name the indexes that have to be built again first."""
         began = time.monotonic()
         maps = QueryMaps(self._shelf, job.maps)
-        query = _RunningQuery(job, maps, self._localizer, self._settings.max_pixels, is_cancelled)
+        query = _RunningQuery(job, maps, self._localizer, self._plan.max_pixels, is_cancelled)
         outcome, failure = guarded(query.answer)
         return WorkerReply(
             outcome=outcome,
@@ -142,12 +142,12 @@ def _pictures(
         return dict(zip(names, threads.map(encode_png, (drawn[name] for name in names)), strict=True))
 
 
-def build_worker(settings: WorkerSettings) -> LocalizationWorker:
+def build_worker(plan: WorkerPlan) -> LocalizationWorker:
     """Build a worker in the process that will run it."""
     keep_freed_memory()
-    use_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
-    cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    worker = LocalizationWorker(settings, Localizer(), settings.open_storage(), cache)
+    use_threads(max(1, num_usable_cpus() // plan.workers_per_machine))
+    cache = WorkerCache(plan.redis_url, index_lifetime_s=plan.index_lifetime_s)
+    worker = LocalizationWorker(plan, Localizer(), plan.open_storage(), cache)
     gc.collect()
     gc.freeze()  # what stays for good need not be looked through with the garbage of each query
     return worker

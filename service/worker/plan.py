@@ -1,7 +1,4 @@
-"""Settings of a worker, and what it runs, by name: the HTTP process must not import the algorithm.
-
-Both are pickled and may travel to another machine.
-"""
+"""The plan of a worker: its settings, and what it runs, by name, for the HTTP process must not import the algorithm."""
 
 import pkgutil
 from collections.abc import Callable
@@ -15,49 +12,6 @@ from panoloc.service.worker.reply import WorkerReply
 
 if TYPE_CHECKING:
     from panoloc.service.settings import Settings
-
-
-@dataclass(frozen=True)
-class WorkerSettings:
-    """The service's settings that workers need.
-
-    redis_url, storage_url: reachable from every machine that runs a worker. bucket: access to the one that storage_url
-    names. workers_per_machine: they share its processors. resident_bytes: of map indexes in memory. index_lifetime_s:
-    of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
-    registration_limits: the worker sets those of its own process. log: level and format.
-    """
-
-    redis_url: str
-    storage_url: str
-    resident_bytes: int
-    max_pixels: int
-    max_points: int
-    max_points_used: int
-    index_lifetime_s: int
-    workers_per_machine: int = 1
-    registration_limits: RegistrationLimits = field(default_factory=RegistrationLimits)
-    bucket: BucketAccess | None = None
-    log: tuple[str, Literal["console", "json"]] = ("info", "console")
-
-    @classmethod
-    def of(cls, settings: "Settings", redis_url: str) -> "WorkerSettings":
-        """Return a worker's part of the settings. redis_url: of the Redis in use, which may be embedded."""
-        return cls(
-            redis_url=redis_url,
-            storage_url=settings.storage_url,
-            resident_bytes=settings.resident_bytes,
-            max_pixels=settings.max_pixels,
-            max_points=settings.max_points,
-            max_points_used=settings.max_points_used,
-            index_lifetime_s=settings.index_ttl_s,
-            registration_limits=settings.registration_limits,
-            bucket=settings.bucket_access,
-            log=(settings.log_level, settings.log_format),
-        )
-
-    def open_storage(self) -> Storage:
-        """Open the storage, in the process that will use it."""
-        return open_storage(self.storage_url, self.bucket)
 
 
 class QueryWorker(Protocol):
@@ -81,11 +35,48 @@ class MapRegistrar(Protocol):
 
 @dataclass(frozen=True)
 class WorkerPlan:
-    """What workers run: two factories, "module:function", called with the settings in the worker's process."""
+    """What workers run, and the service's settings that they need. It is pickled and may travel to another machine.
 
-    settings: WorkerSettings
+    redis_url, storage_url: reachable from every machine that runs a worker. bucket: access to the one that storage_url
+    names. workers_per_machine: they share its processors. resident_bytes: of map indexes in memory. index_lifetime_s:
+    of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
+    registration_limits: the worker sets those of its own process. log: level and format. worker, registrar: two factories,
+    "module:function", called with the plan in the worker's process.
+    """
+
+    redis_url: str
+    storage_url: str
+    resident_bytes: int
+    max_pixels: int
+    max_points: int
+    max_points_used: int
+    index_lifetime_s: int
+    workers_per_machine: int = 1
+    registration_limits: RegistrationLimits = field(default_factory=RegistrationLimits)
+    bucket: BucketAccess | None = None
+    log: tuple[str, Literal["console", "json"]] = ("info", "console")
     worker: str = "panoloc.service.worker.localization_worker:build_worker"
     registrar: str = "panoloc.service.worker.registrar:build_registrar"
+
+    @classmethod
+    def of(cls, settings: "Settings", redis_url: str) -> "WorkerPlan":
+        """Return the plan by the settings. redis_url: of the Redis in use, which may be embedded."""
+        return cls(
+            redis_url=redis_url,
+            storage_url=settings.storage_url,
+            resident_bytes=settings.resident_bytes,
+            max_pixels=settings.max_pixels,
+            max_points=settings.max_points,
+            max_points_used=settings.max_points_used,
+            index_lifetime_s=settings.index_ttl_s,
+            registration_limits=settings.registration_limits,
+            bucket=settings.bucket_access,
+            log=(settings.log_level, settings.log_format),
+        )
+
+    def open_storage(self) -> Storage:
+        """Open the storage, in the process that will use it."""
+        return open_storage(self.storage_url, self.bucket)
 
     @property
     def modules(self) -> set[str]:
@@ -94,10 +85,10 @@ class WorkerPlan:
 
     def build_worker(self) -> QueryWorker:
         """Import the factory of query workers and call it."""
-        worker: QueryWorker = pkgutil.resolve_name(self.worker)(self.settings)
+        worker: QueryWorker = pkgutil.resolve_name(self.worker)(self)
         return worker
 
     def build_registrar(self) -> MapRegistrar:
         """Import the factory of registrars and call it."""
-        registrar: MapRegistrar = pkgutil.resolve_name(self.registrar)(self.settings)
+        registrar: MapRegistrar = pkgutil.resolve_name(self.registrar)(self)
         return registrar

@@ -32,7 +32,7 @@ from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, Registe
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
 from panoloc.service.storage import Storage
 from panoloc.service.worker.map_catalog import registration_of, store_index, store_vectors
-from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerReply, guarded
 
 Result = TypeVar("Result")
@@ -89,7 +89,7 @@ class RegistrationProgress:
 class Registrar:
     """Builds map indexes. limit_process: limits bytes of memory and seconds of CPU time of this process, which ends with its work."""
 
-    settings: WorkerSettings
+    plan: WorkerPlan
     storage: Storage
     cache: WorkerCache
     limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None
@@ -122,17 +122,17 @@ class Registrar:
 
     def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex, bytes]:
         """Return the cloud of a scan, its index, and the index encoded, of which a copy is in storage then."""
-        limits = self.settings
+        plan = self.plan
         reading = replace(
             job.options.scan,
-            max_points=limits.max_points,
-            max_points_used=limits.max_points_used,
+            max_points=plan.max_points,
+            max_points_used=plan.max_points_used,
             format=PurePosixPath(job.scan_name).suffix or None,
             # Parsed in a sandbox: this process holds the address of Redis.
             from_strangers=True,
         )
         with self.storage.local_copy(job.scan_key) as path:
-            allowed, scan_bytes = limits.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
+            allowed, scan_bytes = plan.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
             # The pool ends a registration that takes too long; this also ends an endless rebuild.
             self.limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
@@ -232,9 +232,9 @@ def _within_memory(work: Callable[[], Result]) -> Result:
         ) from error
 
 
-def build_registrar(settings: WorkerSettings) -> Registrar:
+def build_registrar(plan: WorkerPlan) -> Registrar:
     """Build a registrar in the process that will run it."""
     use_threads(num_usable_cpus())
     torch.set_num_threads(num_usable_cpus())  # operations of a registration are large enough for several
-    cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return Registrar(settings, settings.open_storage(), cache, limit_process)
+    cache = WorkerCache(plan.redis_url, index_lifetime_s=plan.index_lifetime_s)
+    return Registrar(plan, plan.open_storage(), cache, limit_process)

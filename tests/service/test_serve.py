@@ -14,7 +14,7 @@ from panoloc.service.host.run_folder import lock_folder
 from panoloc.service.serve import run_service, take_secrets_out, why_exposed
 from panoloc.service.settings import Settings
 from panoloc.service.storage.claim import BucketClaim
-from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
 
@@ -84,9 +84,9 @@ def test_workers_get_the_key_of_the_bucket_with_their_plan(
         # In this order, and on the way to the pool the settings are copied.
         assert settings.bucket_access is not None
         take_secrets_out(os.environ)
-        plan = WorkerPlan(WorkerSettings.of(settings.model_copy(update={"redis_url": "redis://x"}), "redis://x"))
+        plan = WorkerPlan.of(settings.model_copy(update={"redis_url": "redis://x"}), "redis://x")
         travelled: WorkerPlan = pickle.loads(pickle.dumps(plan))
-        travelled.settings.open_storage().put("key", b"by a worker")
+        travelled.open_storage().put("key", b"by a worker")
     assert bucket_server.storage(tmp_path, prefix).read("key") == b"by a worker"
     assert "a-secret" not in repr(plan) + repr(settings)
 

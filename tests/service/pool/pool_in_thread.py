@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Coroutine
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +21,7 @@ from panoloc.service.jobs import (
 )
 from panoloc.service.pool.process_pool import ProcessPool
 from panoloc.service.settings import Settings
-from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 from tests.integration.running_service import eventually
 
 Result = TypeVar("Result")
@@ -29,9 +30,8 @@ Result = TypeVar("Result")
 def scripted_plan(folder: Path) -> WorkerPlan:
     """Return a plan whose worker and registrar do what jobs tell them."""
     scripted = "tests.service.pool.scripted_worker:ScriptedWorker"
-    return WorkerPlan(
-        WorkerSettings.of(Settings(data_dir=folder), "redis://nowhere:1"), worker=scripted, registrar=scripted
-    )
+    plan = WorkerPlan.of(Settings(data_dir=folder), "redis://nowhere:1")
+    return replace(plan, worker=scripted, registrar=scripted)
 
 
 class PoolInThread:

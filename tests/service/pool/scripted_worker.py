@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerFailure, WorkerReply
 from tests.service.made_up_answers import empty_answer
 
@@ -16,7 +16,7 @@ from tests.service.made_up_answers import empty_answer
 class ScriptedWorker:
     """Indexes are empty files in the folder that `storage_url` names."""
 
-    def __init__(self, settings: WorkerSettings) -> None:
+    def __init__(self, settings: WorkerPlan) -> None:
         self._folder = Path(settings.storage_url)
         self._name = f"scripted-{os.getpid()}"
         if (self._folder / "no-worker-starts").exists():

@@ -40,7 +40,7 @@ from panoloc.service.settings import Settings
 from panoloc.service.storage import FolderStorage
 from panoloc.service.worker.localization_worker import LocalizationWorker
 from panoloc.service.worker.map_catalog import store_index, stored_index
-from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.registrar import Registrar
 from panoloc.service.worker.reply import WorkerReply
 from tests.core.scan.mesh_files import zip_of
@@ -86,7 +86,7 @@ class Place:
 def place(tmp_path: Path, redis_url: str) -> Iterator[Place]:
     torch.set_num_threads(1)
     storage = FolderStorage(tmp_path)
-    settings = WorkerSettings.of(Settings(data_dir=tmp_path), redis_url)
+    settings = WorkerPlan.of(Settings(data_dir=tmp_path), redis_url)
     cache, localizer = WorkerCache(redis_url, index_lifetime_s=60), MadeUpLocalizer()
     worker = LocalizationWorker(settings, localizer, storage, cache)  # type: ignore[arg-type]
     with redis.Redis.from_url(redis_url) as client:
@@ -208,7 +208,7 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
     key = key_of(maps[3], stored[3].name)
     before = place.storage.read(key)
     place.storage.put(key, b"PK")
-    other = LocalizationWorker(place.worker._settings, place.localizer, place.storage, place.cache)  # type: ignore[arg-type]
+    other = LocalizationWorker(place.worker._plan, place.localizer, place.storage, place.cache)  # type: ignore[arg-type]
     assert other.localize(query(maps=maps)).failure is None
     assert "retrieval vectors cannot be read" in caplog.text
     assert place.storage.read(key) == before
@@ -369,7 +369,7 @@ def test_a_scan_that_needs_too_much_memory_fails_with_the_limit_that_it_met(
 
 def test_the_limits_of_the_process_grow_with_the_scan(place: Place) -> None:
     given: list[tuple[int, float]] = []
-    settings = WorkerSettings.of(Settings(registration_memory_bytes=2**28), "redis://")
+    settings = WorkerPlan.of(Settings(registration_memory_bytes=2**28), "redis://")
     few_points(place)
     Registrar(settings, place.storage, place.cache, lambda *limits: given.append(limits)).register(place.job)
     scan_bytes = len(place.storage.read(place.job.scan_key))
