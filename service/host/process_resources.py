@@ -51,19 +51,19 @@ def num_sockets(cpus: Path = _PACKAGES) -> int:
     return max(1, len(packages))
 
 
-def visible_gpus(drivers: Path = _GPUS) -> list[str]:
+def visible_gpus() -> list[str]:
     """Return the CUDA devices that this process may use, as `CUDA_VISIBLE_DEVICES` names them; asks no library."""
     chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
     if chosen is not None:
         return [device for device in chosen.split(",") if device and device != "-1"]
-    return [str(number) for number, _ in enumerate(drivers.glob("*"))]
+    return [str(number) for number, _ in enumerate(_GPUS.glob("*"))]
 
 
-def usable_memory_bytes(cgroup_limit: Path = _CGROUP_MEMORY) -> int:
+def usable_memory_bytes() -> int:
     """Return the memory that this process may use: the machine's, or the container's limit."""
     machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     try:
-        return min(machine, int(cgroup_limit.read_text()))
+        return min(machine, int(_CGROUP_MEMORY.read_text()))
     except (OSError, ValueError):  # no container, or "max"
         return machine
 

@@ -8,7 +8,7 @@ from typing import Any
 from panoloc.service.errors import NoWorkerError, RegistrationLimitError
 from panoloc.service.jobs import MapRef, RegisterJob, RegisterOutcome, at_once
 from panoloc.service.pool.messages import Build
-from panoloc.service.worker.reply import WorkerReply, error_of
+from panoloc.service.worker.plan import WorkerReply, error_of
 
 
 class MapBuilds:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 from panoloc.service.jobs import LocalizeJob, MapRef, RegisterJob
-from panoloc.service.worker.reply import WorkerReply
+from panoloc.service.worker.plan import WorkerReply
 
 _LENGTH = struct.Struct("<Q")
 

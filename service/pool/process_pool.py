@@ -22,8 +22,7 @@ from panoloc.service.pool.messages import Build
 from panoloc.service.pool.shares import shares_of
 from panoloc.service.pool.worker_process import Process, Work, WorkerLostError, WorkerProcess, run_build
 from panoloc.service.settings import Settings
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply, error_of
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply, error_of
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")

@@ -15,8 +15,7 @@ from panoloc.service.errors import NoWorkerError
 from panoloc.service.jobs import LocalizeJob, MapRef
 from panoloc.service.pool.forked_process import ForkedProcess, ForkServer
 from panoloc.service.pool.messages import Build, Request, Status, received
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply
 
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 # A search checks its deadline often. One that is this late hangs in native code.

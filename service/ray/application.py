@@ -25,8 +25,7 @@ from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.messages import Build
 from panoloc.service.pool.worker_process import OVERDUE_S, run_build
 from panoloc.service.settings import Settings
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply
 
 APPLICATION, LOCALIZER, BUILDER = "panoloc", "localizer", "builder"
 """The names under which API replicas find the application and its two deployments."""

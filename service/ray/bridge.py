@@ -21,8 +21,7 @@ from panoloc.service.host.logging import configure_logging
 from panoloc.service.jobs import LocalizeJob
 from panoloc.service.pool.messages import Answer, ChildPipes, Request, Status
 from panoloc.service.ray.application import APPLICATION, BUILDER, REQUESTS_PER_WORKER, description, num_running
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply, failure_of
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply, failure_of
 
 _LOOK_PERIOD_S = 1.0
 # Joining a cluster takes 3 to 10 s; then every second somebody answers, or the cluster is away.

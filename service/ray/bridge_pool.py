@@ -9,8 +9,7 @@ from panoloc.service.pool.messages import Build
 from panoloc.service.pool.process_pool import ProcessPool, Variables
 from panoloc.service.pool.worker_process import Process, Work, WorkerLostError
 from panoloc.service.settings import Settings
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply, error_of
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply, error_of
 
 
 class BridgePool(ProcessPool):

@@ -23,9 +23,8 @@ from panoloc.service.host.process_resources import keep_freed_memory, num_usable
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from panoloc.service.storage import Storage
 from panoloc.service.worker.answers import answer_of, change_cells, change_photo
-from panoloc.service.worker.plan import WorkerPlan
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply, guarded
 from panoloc.service.worker.query_images import as_found, read_query, shown_on_sphere
-from panoloc.service.worker.reply import WorkerReply, guarded
 from panoloc.service.worker.shelf import MissingIndexError, QueryMaps, Shelf
 
 _log = logging.getLogger(__name__)

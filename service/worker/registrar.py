@@ -32,8 +32,7 @@ from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, Registe
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
 from panoloc.service.storage import Storage
 from panoloc.service.worker.map_catalog import registration_of, store_index, store_vectors
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply, guarded
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply, guarded
 
 Result = TypeVar("Result")
 

@@ -66,7 +66,8 @@ async def get_changes(request: Request, map_id: str, period: _Asked) -> Response
     All refer to the serving revision. Objects are looked for on request, which takes seconds, and remembered.
     """
     seen = await _Seen.by(request, map_id, period)
-    changes = await asyncio.to_thread(seen.services.changes.document, seen.ref, seen.origin_offset, period)
+    origin_offset = [float(value) for value in _stats(seen.record).get("origin_offset", (0.0, 0.0, 0.0))]
+    changes = await asyncio.to_thread(seen.services.changes.document, seen.ref, origin_offset, period)
     if caller_of(request).tenant is not None:
         # Who knows the id of an answer may fetch it, and not all are of the same tenant.
         changes["answers"] = [{**answer, "id": None} for answer in changes["answers"]]
@@ -150,10 +151,6 @@ class _Seen:
         async with while_there(request, map_id):
             found = await services.changed_objects.find(ref, photos, _stats(record))
         return cls(services, record, ref, len(photos), found)
-
-    @property
-    def origin_offset(self) -> list[float]:
-        return [float(value) for value in _stats(self.record).get("origin_offset", (0.0, 0.0, 0.0))]
 
     def about(self, period: Period) -> dict[str, Any]:
         """Return what a report says of the map."""

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerFailure, WorkerReply
+from panoloc.service.worker.plan import WorkerFailure, WorkerPlan, WorkerReply
 from tests.service.made_up_answers import empty_answer
 
 

@@ -10,8 +10,7 @@ from panoloc.service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterO
 from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.map_builds import MapBuilds
 from panoloc.service.pool.worker_process import run_build
-from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerFailure, WorkerReply
+from panoloc.service.worker.plan import WorkerFailure, WorkerPlan, WorkerReply
 
 pytestmark = pytest.mark.anyio
 

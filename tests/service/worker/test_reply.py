@@ -4,7 +4,7 @@ import panoloc.core.errors
 import panoloc.service.errors
 from panoloc.core.errors import PanoramaShapeError
 from panoloc.service.errors import EXPECTED_ERRORS, WorkerError
-from panoloc.service.worker.reply import WorkerFailure, error_of, guarded
+from panoloc.service.worker.plan import WorkerFailure, error_of, guarded
 
 
 def raise_(error: Exception) -> None:

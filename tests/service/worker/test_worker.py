@@ -40,9 +40,8 @@ from panoloc.service.settings import Settings
 from panoloc.service.storage import FolderStorage
 from panoloc.service.worker.localization_worker import LocalizationWorker
 from panoloc.service.worker.map_catalog import store_index, stored_index
-from panoloc.service.worker.plan import WorkerPlan
+from panoloc.service.worker.plan import WorkerPlan, WorkerReply
 from panoloc.service.worker.registrar import Registrar
-from panoloc.service.worker.reply import WorkerReply
 from tests.core.scan.mesh_files import zip_of
 
 MAP = MapRef("map_box", 1)
