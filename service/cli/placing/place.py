@@ -128,7 +128,6 @@ def _keep(session: Session, client: JsonClient, folder: PlaceFolder, name: str) 
     """
     unkept = folder.unkept()
     parts = [unkept[first : first + IMAGES_AT_A_TIME] for first in range(0, len(unkept), IMAGES_AT_A_TIME)]
-    made = []
     try:
         for number, photos in enumerate(parts, 1):
             answers = [photo.result["answer"]["id"] for photo in photos if photo.result is not None]
@@ -136,11 +135,10 @@ def _keep(session: Session, client: JsonClient, folder: PlaceFolder, name: str) 
             images = [(photo.name, photo.image) for photo in photos if photo.image is not None]
             batch = client.make_batch(images, folder.question.map_ids, folder.question.tag, options)
             folder.note_batch(photos, str(batch["id"]))
-            made.append(batch)
-        for batch in made:
             session.messages.print(f"kept as batch {batch['id']}, {batch['name']!r} in the console", markup=False)
     except ClientError as error:
-        session.messages.print(f"not kept as a batch, so the console does not show the photos: {error}", markup=False)
+        left = f"{len(folder.unkept())} of {len(unkept)} photos, so the console does not show them"
+        session.messages.print(f"not kept as a batch: {left}: {error}", markup=False)
 
 
 def _wrong_folder(message: str) -> typer.BadParameter:

@@ -328,6 +328,17 @@ def test_a_batch_that_is_refused_does_not_fail_the_run_and_is_made_by_the_next(
     assert num_queries(fake) == 3
 
 
+def test_where_one_of_several_batches_is_refused_those_before_it_are_named(
+    place: Panoloc, fake: FakeService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("panoloc.service.cli.placing.place.IMAGES_AT_A_TIME", 2)
+    refused = problem(409, "There are too many batches", "delete a batch that is no longer needed")
+    fake.on_request = lambda request: refused if request.url.path == "/batches" and fake.batches else None
+    said = place().said
+    assert "kept as batch batch_1" in said
+    assert "not kept as a batch: 1 of 3 photos" in said
+
+
 def test_exports_are_never_taken_for_photos(place: Panoloc, fake: FakeService, photos: Path) -> None:
     into = place("--out", photos)
     assert (into.code, "outside the folder" in into.err, num_queries(fake)) == (EXIT_USAGE, True, 0)
