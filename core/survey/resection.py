@@ -123,7 +123,7 @@ def _checked(camera: Camera, pixels: Array, points: Array) -> Array:
         raise OptionsError(
             f"pairs: expected {LEAST_PAIRS} to {MOST_PAIRS} pairs, got {count}; click more, four or more show mistakes"
         )
-    directions, has_one = directions_of(camera, pixels)
+    directions, has_one = directions_of(camera, *pixels.T)
     if not has_one.all():
         number = int(np.argmin(has_one))
         raise OptionsError(

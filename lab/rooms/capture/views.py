@@ -16,7 +16,7 @@ from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Panorama, Photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import project, sample_bilinear
-from panoloc.lab.rooms.capture.pixel_rays import rays_of_pixels
+from panoloc.core.survey.rays import directions_of
 from panoloc.lab.rooms.capture.ray_imaging import PixelGrid, image_of
 from panoloc.lab.rooms.scenes.scene import Scene
 from panoloc.lab.rooms.scenes.surface import Hits
@@ -96,7 +96,7 @@ def _rays(
     camera: Camera, column: NDArray[np.float64], row: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return directions (N, 3) of pixels, those that the lens does not reach straight ahead, and which it reaches (N,)."""
-    directions, shown = rays_of_pixels(camera, column, row)
+    directions, shown = directions_of(camera, column, row)
     directions[~np.isfinite(directions).all(-1)] = (1.0, 0.0, 0.0)
     return directions, shown
 
@@ -109,7 +109,7 @@ def cut_photo(panorama: Panorama, camera: Camera, panorama_from_camera: NDArray[
     """
     panorama = _no_finer(panorama, min(camera.fx_px, camera.fy_px))
     row, column = np.meshgrid(np.arange(camera.height_px) + 0.5, np.arange(camera.width_px) + 0.5, indexing="ij")
-    directions, shown = rays_of_pixels(camera, column, row)
+    directions, shown = directions_of(camera, column, row)
     height, width = panorama.valid.shape
     u, v = project(torch.from_numpy(np.nan_to_num(directions) @ panorama_from_camera.T), height, width)
     planes = np.concatenate((panorama.color, 255 * panorama.valid[..., None]), axis=-1).astype(np.float64)

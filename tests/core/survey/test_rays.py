@@ -7,7 +7,7 @@ import pytest
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image
-from panoloc.lab.rooms.capture.pixel_rays import rays_of_pixels
+from panoloc.core.survey.rays import directions_of
 
 CAMERAS = {
     "pinhole": Camera.from_hfov("pinhole", 640, 480, 69.0),
@@ -27,7 +27,7 @@ CAMERAS = {
 def test_the_direction_of_a_pixel_is_projected_to_that_pixel(name: str) -> None:
     camera = CAMERAS[name]
     u, v = np.meshgrid(np.arange(0, camera.width_px, 7) + 0.5, np.arange(0, camera.height_px, 7) + 0.5)
-    directions, shown = rays_of_pixels(camera, u, v)
+    directions, shown = directions_of(camera, u, v)
     assert shown.all()
     np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1.0)
     again_u, again_v, seen = project_to_image(camera, directions)
@@ -38,14 +38,14 @@ def test_the_direction_of_a_pixel_is_projected_to_that_pixel(name: str) -> None:
 
 def test_corners_that_a_fisheye_does_not_fill_show_nothing() -> None:
     camera = Camera("opencv_fisheye", 1000, 1000, 140.0, 140.0, 500.0, 500.0)  # pi * 140 px = 440 px is a full turn
-    _, shown = rays_of_pixels(camera, np.array([500.0, 5.0, 930.0]), np.array([500.0, 5.0, 500.0]))
+    _, shown = directions_of(camera, np.array([500.0, 5.0, 930.0]), np.array([500.0, 5.0, 500.0]))
     assert shown.tolist() == [True, False, True]
 
 
 def test_a_distortion_that_folds_has_no_direction_beyond_the_fold() -> None:
     # r (1 - r²/3) grows up to r = 1, where it is 2/3, and falls again.
     camera = Camera("opencv", 4000, 4000, 1000.0, 1000.0, 2000.0, 2000.0, (-1 / 3, 0.0, 0.0, 0.0))
-    directions, shown = rays_of_pixels(camera, np.array([2000.0 + 600, 2000.0 + 700]), np.array([2000.0, 2000.0]))
+    directions, shown = directions_of(camera, np.array([2000.0 + 600, 2000.0 + 700]), np.array([2000.0, 2000.0]))
     assert shown.tolist() == [True, False]
     radius = math.hypot(*directions[0, 1:]) / directions[0, 0]
     assert radius * (1 - radius**2 / 3) == pytest.approx(0.6)
