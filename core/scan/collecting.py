@@ -70,14 +70,14 @@ class ScanCollector:
         brightness = (
             None if self._context.options.color_kind == "labels" else thinned.colors.mean(axis=1, dtype=np.float64)
         )
-        judged = judge(self._context, system, thinned.positions, brightness)
-        positions = judged.frame.to_map(thinned.positions)
-        corners = judged.frame.to_map(np.stack([self._lowest, self._highest]))
+        frame, read_as = judge(self._context, system, thinned.positions, brightness)
+        positions = frame.to_map(thinned.positions)
+        corners = frame.to_map(np.stack([self._lowest, self._highest]))
         self._lowest, self._highest = corners.min(axis=0), corners.max(axis=0)
         positions, thinned = self._without_strays(positions, thinned)
-        self._note_conversions(thinned, judged.frame, judged.read_as)
+        self._note_conversions(thinned, frame, read_as)
         offset = self._origin_offset()
-        definition = self._coordinate_system(system, judged.frame, judged.read_as) if is_files else None
+        definition = self._coordinate_system(system, frame, read_as) if is_files else None
         if system is not None and not is_files and system.place(self._middle) is None:
             self._note_unused(OptionsError(outside_of(self._middle)), "that was given")
         return PointCloud(
@@ -87,7 +87,7 @@ class ScanCollector:
             num_points_read=self._num_read,
             diagnostics=(*self._context.diagnostics, *self._colors.diagnostics()),
             coordinate_system=definition,
-            read_as=judged.read_as,
+            read_as=read_as,
         )
 
     def _without_strays(

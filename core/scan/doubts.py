@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from panoloc.core.options import METRES_PER_UNIT, Unit, UpAxis
-from panoloc.core.scan.frame import Array, ReadAs, ScanFrame
+from panoloc.core.scan.frame import Array, ReadAs, ScanFrame, nearest_unit
 from panoloc.core.scan.gravity import AxisLook, Storey
 from panoloc.core.scan.reading_context import ReadingContext
 from panoloc.core.scan.storeys import LEAST_STOREY_M
@@ -63,7 +63,7 @@ def ask_up_axis(context: ReadingContext, read_as: ReadAs, seen: Seen, up: UpAxis
 
 def ask_unit(context: ReadingContext, frame: ScanFrame, read_as: ReadAs, seen: Seen, storey: Storey) -> None:
     """Ask for the unit of coordinates whose storeys are too low or too high; where it was given, only note that."""
-    height, unit, height_unit = storey.height, _nearest(frame.metres), _nearest(frame.height_metres)
+    height, unit, height_unit = storey.height, nearest_unit(frame.metres), nearest_unit(frame.height_metres)
     code = "heights_doubtful" if read_as.unit_from == "file" else "unit_doubtful"
     message = (
         f"With heights in {_WORDS[height_unit]} there are {height:.2f} m between floor and ceiling; expected "
@@ -100,7 +100,7 @@ def ask_assumed_unit(context: ReadingContext, seen: Seen) -> None:
 def ask_tiny(context: ReadingContext, frame: ScanFrame, positions: Array) -> None:
     """Ask for the unit where the one that was given makes the scan smaller than any place; positions: as it was given."""
     extent = float(np.ptp(positions, axis=0).max())
-    message = f"In {_WORDS[_nearest(frame.metres)]}, as was given, the scan is only {100 * extent:.1f} cm long."
+    message = f"In {_WORDS[nearest_unit(frame.metres)]}, as was given, the scan is only {100 * extent:.1f} cm long."
     choices = []
     for unit in JUDGED_UNITS:
         scale = METRES_PER_UNIT[unit] / frame.metres
@@ -118,10 +118,6 @@ def ask_feet(context: ReadingContext, seen: Seen, storey: Storey) -> None:
         patch = {"unit": unit, "height_unit": unit}
         choices.append(_choice(_WORDS[unit], patch, seen.positions * metres, storey.height * metres))
     context.ask("unit_doubtful", message, "Which feet are the coordinates in?", choices)
-
-
-def _nearest(metres: float) -> Unit:
-    return min(METRES_PER_UNIT, key=lambda unit: abs(METRES_PER_UNIT[unit] / metres - 1))
 
 
 def _choice(label: str, patch: dict[str, Any], positions: Array, height: float | None) -> dict[str, Any]:

@@ -9,7 +9,8 @@ HEAD_BYTES = 4096
 _SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las", b"glTF": "gltf", b"PK\x03\x04": "zip", b"PK\x05\x06": "zip"}
 _GLTF_KEYS = (b'"asset"', b'"accessors"', b'"buffers"', b'"bufferViews"', b'"scenes"', b'"meshes"', b'"extensionsUsed"')
 _OBJ_WORDS = {b"v", b"vt", b"vn", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl"}
-_PTX_HEADER = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]  # words on its lines
+PTX_HEADER = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
+"""Numbers on each line before the points: columns, rows, position and axes of the scanner, the matrix of its pose."""
 _EXTENSION_FORMATS = {
     **{name: name for name in ("ply", "pcd", "las", "e57", "ptx", "gltf", "obj", "zip")},
     "laz": "las",
@@ -90,8 +91,8 @@ def _format_by_magic(head: bytes) -> str | None:
 
 def _is_ptx(head: bytes) -> bool:
     """A station begins with its counts, its axes and its matrix, line by line."""
-    lines = [words for words in (line.split() for line in head.splitlines()) if words][: len(_PTX_HEADER)]
-    return [len(words) for words in lines] == _PTX_HEADER and all(word.isdigit() for word in (*lines[0], *lines[1]))
+    lines = [words for words in (line.split() for line in head.splitlines()) if words][: len(PTX_HEADER)]
+    return [len(words) for words in lines] == PTX_HEADER and all(word.isdigit() for word in (*lines[0], *lines[1]))
 
 
 def _is_obj(head: bytes) -> bool:

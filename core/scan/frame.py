@@ -63,7 +63,12 @@ class ReadAs:
     up_axis_from: str
 
 
+def nearest_unit(metres: float) -> Unit:
+    """Return the unit whose length is the most similar."""
+    return min(METRES_PER_UNIT, key=lambda unit: abs(METRES_PER_UNIT[unit] / metres - 1))
+
+
 def unit_of(metres: float) -> Unit | None:
     """Return the unit that is so long; None where there is none."""
-    nearest = min(METRES_PER_UNIT, key=lambda unit: abs(METRES_PER_UNIT[unit] / metres - 1))
+    nearest = nearest_unit(metres)
     return nearest if abs(METRES_PER_UNIT[nearest] / metres - 1) < 1e-9 else None

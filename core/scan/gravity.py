@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.options import UpAxis
-from panoloc.core.scan.storeys import Array, LevelPlane, SurfaceCells, level_planes
+from panoloc.core.scan.frame import Array
+from panoloc.core.scan.storeys import LevelPlane, SurfaceCells, level_planes
 
 _UPRIGHT: tuple[UpAxis, UpAxis, UpAxis] = ("x", "y", "z")
 _REVERSED: tuple[UpAxis, UpAxis, UpAxis] = ("-x", "-y", "-z")

@@ -3,7 +3,7 @@
 What was given or said and what was scanned may contradict each other. Then there is a question, with the answers to choose from.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,26 +36,20 @@ _SMALLEST_PLAN_M2 = 8.0
 _FEET_DIFFER_FROM = 20_000.0
 
 
-@dataclass(frozen=True)
-class Judged:
-    """frame: how the scan is read. read_as: the same in words, and who says so."""
-
-    frame: ScanFrame
-    read_as: ReadAs
-
-
 def judge(
     context: ReadingContext, system: CoordinateSystem | None, positions: Array, brightness: NDArray[np.float64] | None
-) -> Judged:
-    """Return how a scan is read, and note what is doubtful. positions: (N, 3) of the file. brightness: see `look_along`."""
-    said = _said(context, system)
+) -> tuple[ScanFrame, ReadAs]:
+    """Return how a scan is read, also in words with who says so, and note what is doubtful.
+
+    positions: (N, 3) of the file. brightness: see `look_along`.
+    """
+    frame, read_as = _said(context, system)
     if context.is_part:
-        return said
-    frame, read_as = said.frame, said.read_as
+        return frame, read_as
     in_map = frame.to_map(positions)
     if read_as.unit_from == "given" and np.ptp(in_map, axis=0).max() < LEAST_EXTENT_M:
         ask_tiny(context, frame, in_map)
-        return said
+        return frame, read_as
     cells = surface_cells(in_map)
     looks = [look_along(cells, axis, in_map, brightness) for axis in range(3)]
     up, axis, is_sure = up_axis_of(looks)
@@ -71,24 +65,24 @@ def judge(
     if storey is None and is_assumed and len(cells.centers):
         ask_assumed_unit(context, seen)
     if storey is None or unit == "m":
-        return Judged(frame, read_as)
+        return frame, read_as
     if unit is None or not is_assumed:
         ask_unit(context, frame, read_as, seen, storey)
-        return Judged(frame, read_as)
+        return frame, read_as
     if unit == "ft" and np.abs(positions).max() > _FEET_DIFFER_FROM:
         ask_feet(context, seen, storey)
     read_as = replace(read_as, unit=unit, height_unit=unit, unit_from="judged", height_unit_from="judged")
-    return Judged(replace(frame, metres=metres, height_metres=metres), read_as)
+    return replace(frame, metres=metres, height_metres=metres), read_as
 
 
-def _said(context: ReadingContext, system: CoordinateSystem | None) -> Judged:
+def _said(context: ReadingContext, system: CoordinateSystem | None) -> tuple[ScanFrame, ReadAs]:
     """Return how a scan is read as far as that is given or its file says it; for the rest metres and z are assumed."""
     metres, unit_from = _unit_said(context, system)
     height, height_from = _height_unit_said(context, system, metres)
     up_axis, axis_from = _up_axis_said(context, system)
     frame = ScanFrame(metres or 1.0, height or metres or 1.0, up_axis or "z")
     names = unit_of(frame.metres), unit_of(frame.height_metres), frame.up_axis
-    return Judged(frame, ReadAs(*names, unit_from, height_from or unit_from, axis_from))
+    return frame, ReadAs(*names, unit_from, height_from or unit_from, axis_from)
 
 
 def _unit_said(context: ReadingContext, system: CoordinateSystem | None) -> tuple[float | None, str]:

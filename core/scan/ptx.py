@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanDamagedError
+from panoloc.core.scan.format_detection import PTX_HEADER
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 from panoloc.core.scan.text.table import TextBlock, TextLines
 
-_HEADER_VALUES = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)
-"""Numbers on each line before the points: columns, rows, position and axes of the scanner, the matrix of its pose."""
 _MAX_COUNT = 1 << 40
 _COLORED, _PLAIN = 7, 4
 _COLUMNS = "x y z intensity"
@@ -59,14 +58,14 @@ def _read_station(lines: TextLines) -> _Station | None:
     """Return the next station's header, None at the end of the file."""
     values: list[NDArray[np.float64]] = []
     first_line = 0
-    while len(values) < len(_HEADER_VALUES):
-        block = lines.take(len(_HEADER_VALUES) - len(values))
+    while len(values) < len(PTX_HEADER):
+        block = lines.take(len(PTX_HEADER) - len(values))
         if block is None and not values:
             return None
         if block is None:
             raise ScanDamagedError(f"The PTX file ends within the header of a station. {CUT_SHORT}")
         first_line = first_line or int(block.numbers[0])
-        expected = np.array(_HEADER_VALUES[len(values) : len(values) + len(block)])
+        expected = np.array(PTX_HEADER[len(values) : len(values) + len(block)])
         wrong = np.flatnonzero(block.num_values != expected)
         if len(wrong):
             # Often the grid before it does not have the size that was announced.

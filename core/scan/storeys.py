@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.scan.frame import Array
 from panoloc.core.scan.voxel_thinning import column_bounds, group_by_voxel
-
-Array = NDArray[np.float64]
 
 _MOST_POINTS = 300_000
 _POINTS_PER_CELL = 30

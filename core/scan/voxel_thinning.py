@@ -100,12 +100,6 @@ class VoxelThinner:
             cells = self._merge(cells, size)
         return ThinnedPoints(cells.positions, cells.colors, size)
 
-    def merged(self, positions: NDArray[np.float64], colors: NDArray[Any], voxel_size: float) -> ThinnedPoints:
-        """Return the points (n, 3) and their colours merged in voxels of a given size, whatever was added."""
-        self._anchor = column_bounds(positions)[0]
-        cells = self._merge(_points(positions, colors), voxel_size)
-        return ThinnedPoints(cells.positions, cells.colors, voxel_size)
-
     def _compact(self) -> None:
         cells = _concatenate(self._parts)
         if self._voxel_size is None:
@@ -118,13 +112,7 @@ class VoxelThinner:
         self._parts, self._num_rows = [cells], len(cells)
 
     def _merge(self, cells: _Cells, voxel_size: float) -> _Cells:
-        groups = group_by_voxel(cells.positions, voxel_size, self._anchor)
-        if self._keeps_first:
-            first = groups.order[groups.starts]
-            return _points(cells.positions[first], cells.colors[first])
-        weights, share = groups.sums(cells.weights), cells.weights[:, None]
-        means = [groups.sums(values * share) / weights[:, None] for values in (cells.positions, cells.colors)]
-        return _Cells(means[0], means[1], weights)
+        return _merged(cells, voxel_size, self._anchor, self._keeps_first)
 
     def _final_size(self, cells: _Cells) -> float:
         """Return a voxel size that leaves at most max_points_used, and nearly as many where the scan allows."""
@@ -166,14 +154,12 @@ def thin_cloud(cloud: PointCloud, max_points_used: int, color_kind: ColorKind = 
 
 def thin_to_spacing(cloud: PointCloud, spacing_m: float, color_kind: ColorKind = "rgb") -> PointCloud:
     """Leave one point in each voxel of `spacing_m`; return the same object where that hardly changes anything."""
-    thinner = VoxelThinner(len(cloud), color_kind)
-    cells = thinner.merged(cloud.positions.astype(np.float64), cloud.colors, spacing_m)
-    if len(cells.positions) > _WORTH_THINNING * len(cloud):
-        return cloud
-    return _with_points(cloud, cells)
+    points = _points(cloud.positions.astype(np.float64), cloud.colors)
+    cells = _merged(points, spacing_m, column_bounds(points.positions)[0], color_kind == "labels")
+    return cloud if len(cells) > _WORTH_THINNING * len(cloud) else _with_points(cloud, cells)
 
 
-def _with_points(cloud: PointCloud, points: ThinnedPoints) -> PointCloud:
+def _with_points(cloud: PointCloud, points: ThinnedPoints | _Cells) -> PointCloud:
     colors = np.clip(np.rint(points.colors), 0, 255).astype(np.uint8)
     return replace(cloud, positions=points.positions.astype(np.float32), colors=colors)
 
@@ -224,6 +210,16 @@ def _voxel_keys(positions: NDArray[np.float64], voxel_size: float, anchor: NDArr
 
 def _points(positions: NDArray[np.float64], colors: NDArray[Any]) -> _Cells:
     return _Cells(positions, colors, np.broadcast_to(1.0, len(positions)))
+
+
+def _merged(cells: _Cells, voxel_size: float, anchor: NDArray[np.float64], keeps_first: bool) -> _Cells:
+    groups = group_by_voxel(cells.positions, voxel_size, anchor)
+    if keeps_first:
+        first = groups.order[groups.starts]
+        return _points(cells.positions[first], cells.colors[first])
+    weights, share = groups.sums(cells.weights), cells.weights[:, None]
+    means = [groups.sums(values * share) / weights[:, None] for values in (cells.positions, cells.colors)]
+    return _Cells(means[0], means[1], weights)
 
 
 def _concatenate(parts: list[_Cells]) -> _Cells:

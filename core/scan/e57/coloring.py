@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError
 from panoloc.core.options import MAX_PIXELS
-from panoloc.core.scan.e57.images import E57Image, Pinhole
+from panoloc.core.scan.e57.images import SAME_PLACE_M, E57Image, Pinhole
 
 MAX_IMAGES = 400
 _DEPTH_ROWS, _DEPTH_COLUMNS = 256, 512  # 0.7 degrees: what scans of a few centimetres fill at a few metres
@@ -25,7 +25,6 @@ _HOLE = 0.7
 _MOST_NEIGHBOURS = 5  # of eight
 _COLOR_PIXELS = 160_000_000  # of all panoramas together, in memory as bytes of red, green and blue
 _WIDEST = 4096
-_SAME_PLACE_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class ImageColors:
 
     def _station_at(self, position: NDArray[np.float64]) -> _Station:
         for known in self._stations:
-            if np.linalg.norm(known.position - position) < _SAME_PLACE_M:
+            if np.linalg.norm(known.position - position) < SAME_PLACE_M:
                 return known
         self._stations.append(_Station(position, np.full((_DEPTH_ROWS, _DEPTH_COLUMNS), np.inf), []))
         return self._stations[-1]

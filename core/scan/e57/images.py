@@ -12,7 +12,7 @@ from panoloc.core.geometry.pose import Pose
 
 _BLOBS = {"jpegImage": ".jpg", "pngImage": ".png"}
 _MAX_IMAGE_BYTES = 256 << 20
-_SAME_PLACE_M = 0.01
+SAME_PLACE_M = 0.01
 # Rows: the axes of the standard's pinhole camera (x right, y up, z backward) in ours (x forward, y left, z up).
 _PINHOLE_AXES = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 
@@ -75,7 +75,7 @@ def images_of(root: Any) -> tuple[list[E57Image], int]:
 def _is_one_of(position: NDArray[np.float64] | None, places: NDArray[np.float64]) -> bool:
     if position is None:
         return len(places) > 0
-    return bool((np.linalg.norm(places - position, axis=1) < _SAME_PLACE_M).any())
+    return bool((np.linalg.norm(places - position, axis=1) < SAME_PLACE_M).any())
 
 
 def _image(node: Any, number: int) -> E57Image | None:

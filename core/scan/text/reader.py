@@ -89,7 +89,8 @@ def _iter_chunks(context: ReadingContext, layout: TextLayout, lines: TextLines) 
     announced, num_done = layout.announced, 0
     columns: list[int] = []
     while (block := lines.take(CHUNK_ROWS)) is not None:
-        block = block.without(np.isin(block.first_bytes(), _COMMENT_CODES))
+        first_bytes = np.frombuffer(block.text, np.uint8)[block.begins]
+        block = block.without(np.isin(first_bytes, _COMMENT_CODES))
         if announced is not None:
             is_count = block.num_values == 1
             announced += sum(_parse_count(block, row) for row in np.flatnonzero(is_count).tolist())

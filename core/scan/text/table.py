@@ -45,10 +45,6 @@ class TextBlock:
         """Return the beginning of a line for an error message."""
         return repr(self.line(row)[:60].decode("utf-8", errors="replace"))
 
-    def first_bytes(self) -> NDArray[np.uint8]:
-        """Return the first byte of each line, (n,)."""
-        return np.frombuffer(self.text, np.uint8)[self.begins]
-
     def rows(self, chosen: slice | NDArray[np.bool_]) -> "TextBlock":
         """Return some of the lines as a block of their own."""
         begins, ends, values, numbers = (
