@@ -20,7 +20,7 @@ from panoloc.core.earth.georeference import (
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.survey.control_csv import ControlPoint
-from panoloc.core.survey.control_fit import UNITS, LevelFit, fit_level
+from panoloc.core.survey.control_fit import EXCHANGED, UNITS, LevelFit, fit_level
 
 Array = NDArray[np.float64]
 _FARTHEST_M = 20_000.0  # of points from the origin of a map that a plane stands for
@@ -97,12 +97,10 @@ def check_control(
             "coordinate_system instead"
         )
     elif heights != {"ellipsoid"}:
-        georeference, why = (
-            None,
-            (
-                "a georeference has a height above the ellipsoid, and those of the points are not known to be one; "
-                "state how high the geoid is above it (geoid_undulation_m), or send heights above the ellipsoid"
-            ),
+        georeference = None
+        why = (
+            "a georeference has a height above the ellipsoid, and those of the points are not known to be one; "
+            "state how high the geoid is above it (geoid_undulation_m), or send heights above the ellipsoid"
         )
     return ControlCheck(True, as_is, fit, None, georeference, why, *_doubts(fit, used, warnings))
 
@@ -133,23 +131,13 @@ def _explained(
     if grid is None or any(point.is_geodetic for point in used):
         return error
     positions = np.array([point.position_m for point in used], np.float64).reshape(-1, 3)
-    meant = {
-        "with x and y exchanged they fit: name the columns, for some surveyors write north before east": lambda x, y, z: (
-            y,
-            x,
-            z,
-        )
-    } | {
-        f"read as {unit} they fit: send them in metres": lambda x, y, z, metres=metres: (
-            x * metres,
-            y * metres,
-            z * metres,
-        )
-        for metres, unit in UNITS.items()
-    }
+    known = np.array([point.known for point in used], np.float64).reshape(-1, 3)
+    meant = {EXCHANGED: known[:, [1, 0, 2]]}
+    meant |= {f"read as {unit} they fit: send them in metres": known * metres for metres, unit in UNITS.items()}
     for words, read in meant.items():
         try:
-            found = [_on_earth(replace(point, known=read(*point.known)), grid, undulation_m)[0] for point in used]
+            each = zip(used, read.tolist(), strict=True)
+            found = [_on_earth(replace(point, known=(x, y, z)), grid, undulation_m)[0] for point, (x, y, z) in each]
             _fit_on_earth(positions, np.array(found).reshape(-1, 3), [point.name for point in used])
         except OptionsError:
             continue
@@ -221,17 +209,14 @@ def _doubts(
     fit: LevelFit, used: Sequence[ControlPoint], warnings: Sequence[str] = ()
 ) -> tuple[str | None, tuple[str, ...]]:
     """Return the name of a wrong point, and in words what is wrong with points that have a fit nevertheless, after other warnings."""
-    number = _wrong_point(fit)
-    name = None if number is None else used[number].name
+    number, further = _wrong_point(fit), (*_scale_words(fit), *_tilt_words(fit))
+    if number is None:
+        return None, (*warnings, *further)
     blunder = (
-        ()
-        if number is None
-        else (
-            f"{name} is {fit.left_out_m[number]:.2f} m from where the other points put it, which fit to {fit.rest_rms_m[number]:.3f} m "
-            "without it: check its coordinates and its place in the scan, or remove it",
-        )
+        f"{used[number].name} is {fit.left_out_m[number]:.2f} m from where the other points put it, which fit to "
+        f"{fit.rest_rms_m[number]:.3f} m without it: check its coordinates and its place in the scan, or remove it"
     )
-    return name, (*warnings, *blunder, *_scale_words(fit), *_tilt_words(fit))
+    return used[number].name, (*warnings, blunder, *further)
 
 
 def _wrong_point(fit: LevelFit) -> int | None:

@@ -21,6 +21,7 @@ _LEAST_ACROSS_M = 0.5  # of that length: clicks are 2 cm off, which turns the he
 _SCALE_ERROR = 0.005
 _SCALE_NOISE = 3.0  # times what the residuals explain
 UNITS = {0.3048: "feet", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
+EXCHANGED = "with x and y exchanged they fit: name the columns, for some surveyors write north before east"
 _WORST_SHARE = 0.05  # of the extent of the points, that their residuals may be
 _SWAP = 0.2  # of the residuals, with which exchanged axes fit
 _WRONG = 0.33  # of what the others leave without any other point, that they leave without the wrong one
@@ -55,7 +56,7 @@ def fit_level(positions: Array, known: Array, names: Sequence[str]) -> LevelFit:
     _check_figure(positions, known, names)
     yaw, shift = _level(positions, known)
     residuals = _turned(positions, yaw) + shift - known
-    scale = _scale(positions, known)
+    scale = _size(known) / _size(positions)
     left_out, rest = np.array([_left_out(positions, known, number) for number in range(len(known))]).T
     suspect = _suspect_words(rest, names)
     _check_scale(scale, residuals, known, suspect)
@@ -85,12 +86,8 @@ def _left_out(positions: Array, known: Array, number: int) -> tuple[float, float
     return float(off[number]), rms_of(np.delete(off, number))
 
 
-def _scale(positions: Array, known: Array) -> float:
-    return _size(known) / _size(positions)
-
-
 def rms_of(off: Array) -> float:
-    """Return the root mean square of distances (n,)."""
+    """Return the root mean square of distances or coordinates, of any shape."""
     return float(np.sqrt(np.square(off).mean()))
 
 
@@ -151,7 +148,7 @@ def _check_scale(scale: float, residuals: Array, known: Array, suspect: str | No
         for what, size_of in (("positions of the map", factor), ("coordinates", 1 / factor))
         if abs(scale / size_of - 1) < 0.02
     ]
-    if not guesses and abs(scale - 1) * size < _SCALE_NOISE * float(np.sqrt(np.square(residuals).mean())):
+    if not guesses and abs(scale - 1) * size < _SCALE_NOISE * rms_of(residuals):
         return  # of points that fit badly anyway: `_check_residuals` says so
     why = suspect or "which no unit explains: compare one distance in scan and list"
     if guesses:
@@ -169,10 +166,9 @@ def _check_residuals(positions: Array, known: Array, residuals: Array, suspect: 
     exchanged = known[:, [1, 0, 2]]
     yaw, shift = _level(positions, exchanged)
     swapped = float(np.sqrt(np.square(_turned(positions, yaw) + shift - exchanged).sum(axis=1).mean()))
+    why = suspect or "check their coordinates, their order and their places in the scan"
     if swapped < _SWAP * rms:
-        why = "with x and y exchanged they fit: name the columns, for some surveyors write north before east"
-    else:
-        why = suspect or "check their coordinates, their order and their places in the scan"
+        why = EXCHANGED
     raise OptionsError(
         f"points: expected points that fit together, got residuals of {rms:.2f} m over {extent:.1f} m; {why}"
     )

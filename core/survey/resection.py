@@ -20,15 +20,8 @@ Array = NDArray[np.float64]
 LEAST_PAIRS, MOST_PAIRS = 3, 100
 CLICK_PX, POINT_M = 3.0, 0.01
 """Standard deviations of a clicked pixel and of a point picked in a scan."""
-_DISTANCES = (
-    0.15,
-    0.3,
-    0.6,
-    1.2,
-    2.4,
-    5.0,
-    10.0,
-)  # of the first positions, in sizes of the figure that the points make
+# Of the first positions, in sizes of the figure that the points make.
+_DISTANCES = (0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0)
 _DIRECTIONS = 48
 _ROUNDS = 40
 _LEAST_APART_M = 0.05
