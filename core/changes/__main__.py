@@ -23,7 +23,7 @@ from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.changes.config import CHANGES
 from panoloc.core.changes.crops import crop_pair, encode_jpeg
-from panoloc.core.changes.finding import Change, DatedPhoto, find_changes
+from panoloc.core.changes.finding import Change, DatedPhoto, find_changes, in_cloud
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.image.reader import read_image
@@ -99,8 +99,7 @@ def _uploaded(given: dict[str, Any]) -> Panorama:
 def _picture(change: Change, photos: Sequence[DatedPhoto], rendered: RenderCloud, cloud: PointCloud) -> Image.Image:
     """Return the crops of a change; of what moved, of the new place and below it of the old one."""
     best = photos[change.photos[0]]
-    pose = Pose(best.pose.rotation, best.pose.position - cloud.origin_offset)
-    half = change.size / 2
+    pose, half = in_cloud(best.pose, cloud), change.size / 2
     rows = [
         crop_pair(
             rendered, best.panorama, pose, center - cloud.origin_offset - half, center - cloud.origin_offset + half

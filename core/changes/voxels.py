@@ -69,7 +69,7 @@ def voxel_features(
         views.add(each, centers, grid.side)
     planes = [occupied, *views.planes()]
     planes += [torch.where(occupied > 0, torch.from_numpy(c).float() - 0.5, 0.0) for c in scanned]
-    planes += [*views.mean_color(), *views.mean_edges()]
+    planes += views.looks()
     return torch.stack(planes).view(NUM_FEATURES, *grid.shape)
 
 
@@ -120,11 +120,8 @@ class _Sums:
         spread = (self._square / open_.clamp_min(1) - mean.square().sum(0)).clamp_min(0).sqrt()
         return [*found, torch.where(open_ > 1, spread, 0.0), (open_ > 1).float()]
 
-    def mean_color(self) -> Tensor:
-        """Return the mean colour (3, size) that photos show, less 0.5; 0 where none shows any."""
+    def looks(self) -> list[Tensor]:
+        """Return the mean colour that photos show, less 0.5, in 3 planes, and the mean edges of scan and photos; 0 where none shows any."""
         open_ = self._count[0] + self._count[1]
-        return torch.where(open_ > 0, self._color / open_.clamp_min(1) - 0.5, 0.0)
-
-    def mean_edges(self) -> Tensor:
-        """Return the mean edges (2, size) of scan and photos; 0 where no photo shows any."""
-        return self._edges / (self._count[0] + self._count[1]).clamp_min(1)
+        color = torch.where(open_ > 0, self._color / open_.clamp_min(1) - 0.5, 0.0)
+        return [*color, *(self._edges / open_.clamp_min(1))]

@@ -60,19 +60,14 @@ def _join(linked: NDArray[np.bool_], distance: NDArray[np.float64]) -> None:
 
 
 class _Sight:
-    """Which cells of space have points of the scan."""
+    """Which cells of space have points of the scan. taken: their numbers, ascending."""
 
     def __init__(self, points: Positions, cell_m: float):
         self.cell_m = cell_m
         self._origin = points.min(axis=0) if len(points) else np.zeros(3)
         cells = np.floor((points - self._origin) / cell_m).astype(np.int64)
         self._shape = cells.max(axis=0, initial=0) + 1
-        self._taken = np.unique(self._numbers(cells))
-
-    @property
-    def num_cells(self) -> int:
-        """Return how many cells have points."""
-        return len(self._taken)
+        self.taken = np.unique(self._numbers(cells))
 
     def is_free(self, starts: Positions, ends: Positions) -> NDArray[np.bool_]:
         """Return (n,): whether most of nine parallel rays from start to end (n, 3) meet no cell with points between their ends' own."""
@@ -107,8 +102,8 @@ class _Sight:
         cells = np.floor((places - self._origin) / self.cell_m).astype(np.int64)
         inside = ((cells >= 0) & (cells < self._shape)).all(axis=1)
         numbers = self._numbers(cells)
-        at = np.minimum(np.searchsorted(self._taken, numbers), max(len(self._taken) - 1, 0))
-        return inside & (self._taken[at] == numbers) if len(self._taken) else np.zeros(len(places), np.bool_)
+        at = np.minimum(np.searchsorted(self.taken, numbers), max(len(self.taken) - 1, 0))
+        return inside & (self.taken[at] == numbers) if len(self.taken) else np.zeros(len(places), np.bool_)
 
     def _numbers(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         numbers: NDArray[np.int64] = (cells[:, 0] * self._shape[1] + cells[:, 1]) * self._shape[2] + cells[:, 2]
@@ -118,6 +113,6 @@ class _Sight:
 def _sight(points: Positions) -> _Sight:
     """Return cells that are large enough for walls without holes, and small enough for doors."""
     cell_m = _FINEST_CELL_M
-    while (sight := _Sight(points, cell_m)).num_cells * _POINTS_PER_CELL > len(points) and cell_m < _COARSEST_CELL_M:
+    while len((sight := _Sight(points, cell_m)).taken) * _POINTS_PER_CELL > len(points) and cell_m < _COARSEST_CELL_M:
         cell_m *= 1.25
     return sight

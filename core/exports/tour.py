@@ -96,12 +96,17 @@ class Tour:
         return known if len(known) == len(self.photos) else [float(number) for number in range(len(self.photos))]
 
     @property
+    def positions(self) -> NDArray[np.float64]:
+        """Return where the photos are, (n, 3)."""
+        return np.array([photo.map_from_camera.position for photo in self.photos]).reshape(-1, 3)
+
+    @property
     def offset_m(self) -> NDArray[np.float64]:
         """Return (3,), in whole metres: what to take from positions for readers in single precision, zero near the origin.
 
         Survey coordinates, in the millions, would be half a metre off in such readers.
         """
-        positions = np.array([photo.map_from_camera.position for photo in self.photos]).reshape(-1, 3)
+        positions = self.positions
         if not len(positions) or np.abs(positions).max() <= _LARGE_M:
             return np.zeros(3)
         return np.asarray(np.rint((positions.min(axis=0) + positions.max(axis=0)) / 2))

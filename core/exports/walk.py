@@ -4,23 +4,27 @@ Browsers let a page from a folder neither fetch its files nor read the pixels of
 (`data.js`, photos for the sphere) is a script with the data in it; thumbnails and plans are plain pictures.
 """
 
+import base64
+import io
 import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from typing import Any
 
-import numpy as np
+from PIL import Image, ImageOps
 
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports.floor_plan import Array, FloorPicture, Points, Storey, draw_storey, points_of, storeys_of
 from panoloc.core.exports.links import links_of
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour
-from panoloc.core.exports.walk_photos import has_large, photo_files
 from panoloc.core.scan.file_names import display_name
 
 PAGE_FILES = {"index.html": "index.html", "page.js": "walk/page.js", "page.css": "walk/page.css"}
 """Of the built page, and where they lie in the export."""
+_SMALL_PX, _MEDIUM_PX, _LARGE_PX = 320, 2048, 8192
+"""Longer sides: of a thumbnail, of what is shown at once, of what follows. Graphics processors rarely take more."""
+_QUALITIES = {_SMALL_PX: 70, _MEDIUM_PX: 80, _LARGE_PX: 85}
 _AT_ONCE = 4  # photos that are decoded: each takes up to 300 MB
 
 
@@ -48,7 +52,7 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
     with ThreadPoolExecutor(_AT_ONCE) as threads:
         for first in range(0, len(tour.photos), _AT_ONCE):
             group = tour.photos[first : first + _AT_ONCE]
-            for files in threads.map(photo_files, range(first, first + len(group)), group):
+            for files in threads.map(_photo_files, range(first, first + len(group)), group):
                 yield from files
 
 
@@ -60,10 +64,9 @@ def walk_document(
     Positions are metres from `origin`, because graphics processors compute in single precision. Rotations have rows, from camera (x
     forward, y left, z up) to map.
     """
-    places = np.array([photo.map_from_camera.position for photo in tour.photos]).reshape(-1, 3)
     origin = tour.offset_m
     floor_of = {number: floor for floor, storey in enumerate(storeys) for number in storey.photos}
-    links = links_of(places, points.positions)
+    links = links_of(tour.positions, points.positions)
     return {
         "title": display_name(tour.title or tour.name),
         "origin": origin.tolist(),
@@ -96,9 +99,44 @@ def _photo(photo: PlacedPhoto, origin: Array) -> dict[str, Any]:
         "rotation": photo.map_from_camera.rotation.tolist(),
         "model": photo.camera_model,
         "hfovDeg": photo.hfov_deg,
-        "hasLarge": has_large(photo),
+        "hasLarge": _has_large(photo),
     }
 
 
 def _floor_file(number: int) -> str:
     return f"walk/floor-{number}.webp"
+
+
+def _has_large(photo: PlacedPhoto) -> bool:
+    """Tell whether a photo has more pixels than the size in the middle."""
+    return max(photo.width, photo.height) > _MEDIUM_PX
+
+
+def _photo_files(number: int, photo: PlacedPhoto) -> list[ExportedFile]:
+    """Return a photo as `NUMBER-small.jpg`, `-medium.js` and, where it has more pixels, `-large.js`; none has its EXIF data.
+
+    Raises OSError.
+    """
+    assert photo.image is not None
+    with Image.open(photo.image) as opened:
+        shown = ImageOps.exif_transpose(opened).convert("RGB")
+    files = []
+    if _has_large(photo):
+        files.append(_script(number, "large", _shrunk(shown, _LARGE_PX)))
+    files.append(_script(number, "medium", _shrunk(shown, _MEDIUM_PX)))
+    return [*files, ExportedFile(f"walk/photos/{number}-small.jpg", _shrunk(shown, _SMALL_PX))]
+
+
+def _shrunk(picture: Image.Image, size: int) -> bytes:
+    """Make a picture as small as a size, if it is larger, and return it as a JPEG."""
+    picture.thumbnail((size, size), Image.Resampling.LANCZOS)
+    out = io.BytesIO()
+    picture.save(out, "JPEG", quality=_QUALITIES[size], optimize=True, progressive=size != _SMALL_PX)
+    return out.getvalue()
+
+
+def _script(number: int, size: str, jpeg: bytes) -> ExportedFile:
+    """Return a photo as a script: a page from a folder may show a picture beside it, but not read its pixels."""
+    name, data = f"{number}-{size}", base64.b64encode(jpeg).decode()
+    script = f'panolocPhoto("{name}", "data:image/jpeg;base64,{data}");\n'
+    return ExportedFile(f"walk/photos/{name}.js", script.encode())

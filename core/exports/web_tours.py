@@ -125,11 +125,10 @@ def _horizon(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def _links(tour: Tour) -> list[list[int]]:
-    positions = np.array([photo.map_from_camera.position for photo in tour.photos]).reshape(-1, 3)
     if tour.scan is None:
-        return links_of(positions, np.zeros((0, 3)))
+        return links_of(tour.positions, np.zeros((0, 3)))
     cloud = read_scan(tour.scan, ScanOptions(unit="m", up_axis="z"))
-    return links_of(positions, cloud.positions.astype(np.float64) + cloud.origin_offset)
+    return links_of(tour.positions, cloud.positions.astype(np.float64) + cloud.origin_offset)
 
 
 def _direction(photo: PlacedPhoto, other: PlacedPhoto) -> tuple[float, float]:
