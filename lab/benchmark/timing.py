@@ -3,12 +3,9 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import torch
-
-Result = TypeVar("Result")
 
 Say = Callable[[str], None]
 
@@ -34,20 +31,20 @@ def spread_of(values_ms: Sequence[float]) -> Spread:
     return Spread(len(values), median, low, lower, upper, high, float(values.mean()), p95)
 
 
-def timed(step: Callable[[], Result], device: torch.device) -> tuple[float, Result]:
-    """Return the milliseconds of one call and what it returned."""
+def timed(step: Callable[[], object], device: torch.device) -> float:
+    """Return the milliseconds of one call."""
     _wait_for(device)
     began = time.perf_counter()
-    result = step()
+    step()
     _wait_for(device)
-    return (time.perf_counter() - began) * 1000, result
+    return (time.perf_counter() - began) * 1000
 
 
 def repeated(step: Callable[[], object], repeats: int, device: torch.device, warm_ups: int) -> Spread:
     """Return the spread of `repeats` calls after `warm_ups` that are not counted."""
     for _ in range(warm_ups):
         step()
-    return spread_of([timed(step, device)[0] for _ in range(repeats)])
+    return spread_of([timed(step, device) for _ in range(repeats)])
 
 
 def _wait_for(device: torch.device) -> None:

@@ -145,7 +145,7 @@ def campus(
     """
     with session_of(ctx, json) as session:
         bound_spinning()
-        from panoloc.lab.commands.campus_run import run_campus
+        from panoloc.lab.commands.evaluation_run import run_campus
 
         run_campus(sizes or [10, 100], queries, camera, device, out, session)
 

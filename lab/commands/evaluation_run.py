@@ -1,8 +1,10 @@
-"""What `panoloc evaluate` does once its options are known, and its tables for people; imports the algorithm."""
+"""What `panoloc evaluate` and its `campus` do once their options are known, and tables for people; imports the algorithm."""
 
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
+from json import dumps
 from pathlib import Path
 
 from rich.markup import escape
@@ -10,7 +12,9 @@ from rich.table import Table
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.kernels.library import use_threads
-from panoloc.lab.display import progress, show_report, table
+from panoloc.core.localizer import Localizer
+from panoloc.lab.display import print_tables, progress, show_report, table
+from panoloc.lab.evaluation.campus import Campus, campus_queries, campus_rows, campus_summary, read_vectors
 from panoloc.lab.evaluation.fit_confidence import HeldOut
 from panoloc.lab.evaluation.known_cases import ScanCases
 from panoloc.lab.evaluation.methods import compared_method
@@ -42,6 +46,30 @@ def run_evaluation(
     document = report_document(found, rows, methods, limits, ["panoloc", *sys.argv[1:]])
     show_report(session, out, "report", document, evaluation_tables(found, limits))
     session.messages.print(f"In {escape(str(out))}: report.txt, report.json, rows.jsonl")
+
+
+def run_campus(
+    sizes: Sequence[int], num_queries: int, camera: str | None, device: str | None, out: Path, session: Session
+) -> None:
+    """Build what is missing of each campus, localize queries in it, and print and write the figures."""
+    set_threads()
+    localizer, figures = Localizer(device=device), []
+    for num_maps in sizes:
+        campus = Campus(out / "maps", num_maps)
+        for number in range(num_maps):
+            campus.build(number)
+            if number % 50 == 0:
+                session.messages.print(f"{num_maps} maps: {number} built")
+        queries, vectors = list(campus_queries(campus, num_queries, camera)), read_vectors(campus)
+        rows = list(campus_rows(campus, vectors, queries, localizer))
+        figures.append(campus_summary(campus, vectors, rows))
+        name = f"rows-{num_maps}-{camera or 'panorama'}.jsonl"
+        (out / name).write_text("".join(dumps(asdict(row)) + "\n" for row in rows), encoding="utf-8")
+    if session.json_output:
+        session.print_json({"campus": figures})
+    else:
+        print_tables(session.results, [table(figures, 0)])
+    session.messages.print(f"Rows of each query in {escape(str(out))}")
 
 
 def set_threads() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.decide.confidence import FEATURES, RadiusModel, radius_signs
 from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error
-from panoloc.lab.evaluation.rows import RIGHT, WRONG, Row, RowsError
+from panoloc.lab.evaluation.rows import RIGHT, Row, RowsError
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -71,8 +71,9 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
     if len(rows) > len(latest):
         left_out["made again later"] = len(rows) - len(latest)
     if not usable:
+        said = ", ".join(f"{number} {reason}" for reason, number in left_out.items()) or "no rows at all"
         raise RowsError(
-            f"rows: expected rows whose search has measures and score, found none ({_said(left_out)}); run `panoloc evaluate` again"
+            f"rows: expected rows whose search has measures and score, found none ({said}); run `panoloc evaluate` again"
         )
     features = np.array([features_of_row(row) for row in usable])
     right = np.array([row.within(RIGHT) for row in usable])  # in any of several equal rooms
@@ -112,19 +113,10 @@ def _why_unusable(row: Row) -> str | None:
     return None if row.search.get("features") else "the method measures nothing"
 
 
-def _said(left_out: dict[str, int]) -> str:
-    return ", ".join(f"{number} {why}" for why, number in left_out.items()) or "no rows at all"
-
-
 def features_of_row(row: Row) -> list[float]:
     """Return the features of a row in the order of `FEATURES`."""
     values = row.search["features"]
     return [float(values[name]) for name in FEATURES]
-
-
-def is_far_off(row: Row) -> bool:
-    """Return whether to answer with the pose of a row would be wrong."""
-    return not row.within(WRONG) or row.facts.get("place") == "other"
 
 
 def fit_alias_power(rows: Sequence[Row]) -> float:
@@ -208,7 +200,8 @@ def _radius_model(rows: Sequence[Row], axis: int) -> RadiusModel:
     right = [row for row in rows if row.within(RIGHT) and _formal_of(row)[axis] and _is_of_one_image(row)]
     if not right:
         return RadiusModel(0.0, 1.0, 0.0, 0.0, 0.0)
-    errors = np.log(np.maximum([_errors_of(row)[axis] for row in right], _LEAST_ERROR))
+    known = np.array([(row.position_error_m, row.orientation_error_deg)[axis] for row in right], np.float64)
+    errors = np.log(np.maximum(known, _LEAST_ERROR))
     signs = np.array([radius_signs(*_radius_arguments(row, axis)) for row in right])
     kept = [column for column in range(4) if signs[:, column].std() > _TELLING_SPREAD]
     powers = np.zeros(4)
@@ -222,12 +215,6 @@ def _radius_model(rows: Sequence[Row], axis: int) -> RadiusModel:
         kept.remove(kept[int(solved.argmin())])
     shift = float(np.quantile(errors - signs @ powers, _RADIUS_LEVEL))
     return RadiusModel(shift, *powers.tolist())
-
-
-def _errors_of(row: Row) -> tuple[float, float]:
-    assert row.position_error_m is not None
-    assert row.orientation_error_deg is not None
-    return row.position_error_m, row.orientation_error_deg
 
 
 def _formal_of(row: Row) -> tuple[float | None, float | None]:
@@ -281,7 +268,7 @@ def _predict_held_out(
 
 
 def _threshold(predicted: Floats, rows: Sequence[Row], max_wrong: float) -> float:
-    far_off = np.array([is_far_off(row) for row in rows])
+    far_off = np.array([row.is_far_off for row in rows])
     for step in range(_LEAST_THRESHOLD, 100):
         if float(np.mean((predicted >= step / 100) & far_off)) <= max_wrong:
             return step / 100
@@ -292,7 +279,7 @@ def _held_out(
     rows: Sequence[Row], right: Flags, predicted: Floats, radii: Floats, threshold: float, names: Sequence[str]
 ) -> HeldOut:
     called = predicted >= threshold
-    far_off = np.array([is_far_off(row) for row in rows])
+    far_off = np.array([row.is_far_off for row in rows])
     holds: list[list[bool]] = [[], []]
     for row, good, limits in zip(rows, right, radii, strict=True):
         for axis, error in enumerate((row.position_error_m, row.orientation_error_deg)):

@@ -67,9 +67,14 @@ class Row:
         return self.position_error_m <= limits[0] and self.orientation_error_deg <= limits[1]
 
     @property
+    def is_far_off(self) -> bool:
+        """Return whether to answer with the pose would be wrong: far off, of another map, or in another of rooms that are alike."""
+        return not self.within(WRONG) or self.facts.get("place") == "other"
+
+    @property
     def is_wrong_answer(self) -> bool:
-        """Return whether a pose was called localized although it is far off, of another map, or in another of rooms that are alike."""
-        return self.status == "localized" and (not self.within(WRONG) or self.facts.get("place") == "other")
+        """Return whether a pose was called localized although it is far off."""
+        return self.status == "localized" and self.is_far_off
 
 
 _FIELDS = {f.name for f in fields(Row)}

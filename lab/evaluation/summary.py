@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from panoloc.lab.evaluation.methods import ComparedMethod
-from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error, reliability_bins
+from panoloc.lab.evaluation.metrics import Flags, Floats, area_under_roc, expected_calibration_error, reliability_bins
 from panoloc.lab.evaluation.rows import RIGHT, TIGHT, Row
 from panoloc.lab.machine import machine, versions
 
@@ -114,8 +114,7 @@ def _summary(group: str, method: str, rows: Sequence[Row], limits: Sequence[Limi
 def calibration_of(rows: Sequence[Row]) -> CalibrationSummary:
     """Return how the confidences of rows, those of other maps included, agree with what was right."""
     answers = [row for row in rows if row.confidence is not None]
-    confidences = np.array([row.confidence for row in answers], np.float64)
-    right = np.array([row.within(RIGHT) for row in answers], bool)
+    confidences, right = _confidences(rows)
     good = [row for row in answers if row.within(RIGHT)]
     return CalibrationSummary(
         len(answers),
@@ -171,7 +170,12 @@ def report_document(
 
 
 def _reliability(rows: Sequence[Row], method: str) -> list[dict[str, Any]]:
-    answers = [row for row in rows if row.method == method and row.confidence is not None]
+    bins = reliability_bins(*_confidences([row for row in rows if row.method == method]))
+    return [asdict(one) for one in bins]
+
+
+def _confidences(rows: Sequence[Row]) -> tuple[Floats, Flags]:
+    """Return the confidences of those that have one, and which of these are right."""
+    answers = [row for row in rows if row.confidence is not None]
     confidences = np.array([row.confidence for row in answers], np.float64)
-    right = np.array([row.within(RIGHT) for row in answers], bool)
-    return [asdict(one) for one in reliability_bins(confidences, right)]
+    return confidences, np.array([row.within(RIGHT) for row in answers], bool)

@@ -13,7 +13,6 @@ from panoloc.lab.evaluation.fit_confidence import (
     fit_confidence,
     fit_growing_logistic,
     fit_logistic,
-    is_far_off,
     radius_models,
 )
 from panoloc.lab.evaluation.rows import Row, RowsError
@@ -175,7 +174,7 @@ def test_a_sign_of_agreement_never_counts_against_an_answer() -> None:
     ],
 )
 def test_far_off_is_anywhere_but_near_the_truth_in_the_room_that_was_photographed(row: Row, far_off: bool) -> None:
-    assert is_far_off(row) == far_off
+    assert row.is_far_off == far_off
 
 
 def test_ambiguous_answers_are_fitted_on_as_well() -> None:
