@@ -22,7 +22,7 @@ from panoloc.core.changes.network import CELL, MULTIPLE, OUTPUTS, WEIGHTS, Voxel
 from panoloc.core.changes.voxels import COLOR_FEATURES, VoxelGrid, voxel_features
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
-from panoloc.lab.rooms.capture.changed_objects import ChangedObject
+from panoloc.lab.rooms.capture.change_truth import ChangedObject
 from panoloc.lab.rooms.capture.shooting import rotation_of
 from panoloc.lab.rooms.changed_rooms import make_changed_room
 

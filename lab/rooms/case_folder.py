@@ -32,7 +32,6 @@ def write_case_folder(
     cloud: PointCloud,
     queries: Sequence[PosedPanorama],
     *,
-    source: str = "procedural scene",
     color_kind: str = "rgb",
 ) -> Path:
     """Write scan.ply, one image per query (JPEG, or PNG for labels) and truth.json; return the path of truth.json."""
@@ -52,7 +51,7 @@ def write_case_folder(
         )
     truth = {
         "name": name,
-        "source": source,
+        "source": "procedural scene",
         "licence": "Apache-2.0",
         "convention": _CONVENTION,
         "color_kind": color_kind,

@@ -10,8 +10,7 @@ from panoloc.core.camera.rig import Panorama
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.rooms.capture.camera_look import PHOTO, apply_look, random_look
-from panoloc.lab.rooms.capture.change_truth import changed_pixels
-from panoloc.lab.rooms.capture.changed_objects import ChangedObject, changed_objects
+from panoloc.lab.rooms.capture.change_truth import ChangedObject, changed_objects, changed_pixels
 from panoloc.lab.rooms.capture.free_space import random_rotation, scanner_positions
 from panoloc.lab.rooms.capture.imperfect_scan import Imperfections, scan_imperfectly
 from panoloc.lab.rooms.capture.scanning import scan_with_truth

@@ -16,7 +16,7 @@ from panoloc.core.changes.finding import Change, DatedPhoto, find_changes
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions, project
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
-from panoloc.lab.rooms.capture.changed_objects import ChangedObject
+from panoloc.lab.rooms.capture.change_truth import ChangedObject
 from panoloc.lab.rooms.capture.shooting import rotation_of
 from panoloc.lab.rooms.changed_rooms import ChangedRoom, make_changed_room
 from tests.campaign.outcome import Outcome

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.changes.finding import Change
-from panoloc.lab.rooms.capture.changed_objects import ChangedObject
+from panoloc.lab.rooms.capture.change_truth import ChangedObject
 from tests.campaign.changes import Measured, area_under_curve, compare
 from tests.campaign.flood import Flood
 from tests.campaign.intake import drawn, intake, verdict_on

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import OptionsError
-from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.pose import Pose, matrix_from_quaternion
 from panoloc.lab.rooms.scenes.scene import Scene
 
 RotationKind = Literal["any", "tilted", "upright"]
@@ -23,14 +23,14 @@ def random_rotation(rng: np.random.Generator, kind: RotationKind) -> NDArray[np.
     """Draw a (3, 3) rotation: "any" uniform on SO(3), "tilted" any yaw and up to 15 degrees of tilt, "upright" any yaw."""
     if kind == "any":
         quaternion = rng.normal(size=4)
-        return _matrix(quaternion / np.linalg.norm(quaternion))
+        return matrix_from_quaternion(quaternion / np.linalg.norm(quaternion))
     yaw = rng.uniform(-np.pi, np.pi)
-    upright = _matrix(np.array([0, 0, np.sin(yaw / 2), np.cos(yaw / 2)]))
+    upright = matrix_from_quaternion(np.array([0, 0, np.sin(yaw / 2), np.cos(yaw / 2)]))
     if kind == "upright":
         return upright
     tilt, direction = np.radians(_MAX_TILT_DEG) * np.sqrt(rng.random()), rng.uniform(-np.pi, np.pi)
     axis = np.array([np.cos(direction), np.sin(direction), 0]) * np.sin(tilt / 2)
-    return _matrix(np.append(axis, np.cos(tilt / 2))) @ upright
+    return matrix_from_quaternion(np.append(axis, np.cos(tilt / 2))) @ upright
 
 
 def free_position(scene: Scene, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -61,14 +61,3 @@ def scanner_positions(scene: Scene, count: int | None, rng: np.random.Generator)
             picked.append(drawn[np.argmax(apart)])
         chosen += picked
     return np.array(chosen)
-
-
-def _matrix(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z, w = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -33,10 +33,6 @@ class PixelGrid:
         row, column = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
         return column.ravel(), row.ravel()
 
-    def pixel_rad_of(self, chosen: NDArray[np.int64]) -> float | NDArray[np.float64]:
-        """Return the angle that each of the chosen pixels covers."""
-        return self.pixel_rad[chosen] if isinstance(self.pixel_rad, np.ndarray) else self.pixel_rad
-
 
 def image_of(
     scene: Scene, pose: Pose, grid: PixelGrid, color_kind: str = "rgb"
@@ -70,12 +66,8 @@ def shade(
     light = surface.at_hits(scene.irradiance, met) * np.float32(scene.exposure)
     glow = surface.glow[met.triangle][:, None]
     color[hits.found] = reflectance * np.where(glow > 0, glow, light)
-    return tone_mapped(color)
-
-
-def tone_mapped(linear: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return sRGB values (gamma 2.2) of linear light; highlights roll off instead of clipping hard."""
-    rolled = np.where(linear < 0.4, linear, 0.4 + 0.6 * np.tanh((linear - 0.4) / 0.6 * 0.8))
+    # Highlights roll off instead of clipping hard; stored with a gamma of 2.2.
+    rolled = np.where(color < 0.4, color, 0.4 + 0.6 * np.tanh((color - 0.4) / 0.6 * 0.8))
     return np.asarray(np.clip(rolled, 0, 1) ** (1 / 2.2), np.float32)
 
 
@@ -106,7 +98,7 @@ def _smooth_edges(
     """Replace the color of pixels at edges of surfaces by the mean over four rays."""
     edges = np.flatnonzero(_at_edge(scene, hits, grid.shape))
     total = np.zeros((len(edges), 3), np.float32)
-    pixel_rad = grid.pixel_rad_of(edges)
+    pixel_rad = grid.pixel_rad[edges] if isinstance(grid.pixel_rad, np.ndarray) else grid.pixel_rad
     for right, down in _SUBPIXELS:
         directions = grid.looks(column[edges] + right, row[edges] + down) @ pose.rotation.T
         sub = scene.surface.cast(pose.position, directions)

@@ -90,17 +90,13 @@ def cast_rays(
     # Directions are uniform on the sphere, so near surfaces get more points; some of those are dropped again.
     per_station = int(num_points / len(stations) * surplus) + 1000
     station = np.repeat(np.arange(len(stations)), per_station)
-    directions = _uniform_directions(rng, len(station))
+    directions = rng.normal(size=(len(station), 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     hits = scene.surface.cast(stations[station], directions)
     share = 1.0 if returns is None else returns(Rays(hits, directions, station))
     chosen = _choose(scene, hits, directions, share, num_points, rng)
     hits = Hits(hits.distance[chosen], hits.triangle[chosen], hits.weights[chosen])
     return Rays(hits, directions[chosen], station[chosen])
-
-
-def _uniform_directions(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    directions = rng.normal(size=(count, 3))
-    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def _choose(

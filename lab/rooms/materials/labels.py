@@ -34,10 +34,9 @@ LABEL_COLORS: dict[str, tuple[int, int, int]] = {
     "pole": (153, 153, 153),
     "sky": (70, 130, 180),
 }
-LABEL_NAMES: tuple[str, ...] = tuple(LABEL_COLORS)
 LABEL_TABLE: NDArray[np.uint8] = np.array(list(LABEL_COLORS.values()), np.uint8)
 
 
 def label_number(name: str) -> int:
     """Return the row of `name` in `LABEL_TABLE`."""
-    return LABEL_NAMES.index(name)
+    return list(LABEL_COLORS).index(name)

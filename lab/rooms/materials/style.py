@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from panoloc.core.errors import OptionsError
 from panoloc.lab.rooms.materials import patterns
 from panoloc.lab.rooms.materials.patterns import Rng
 from panoloc.lab.rooms.materials.texture import Color, Texture
@@ -86,13 +85,6 @@ STYLES: dict[str, Style] = {
         density=1.2,
     ),
 }
-
-
-def style_of(family: str) -> Style:
-    """Return the style of a family; raises OptionsError for an unknown name."""
-    if family not in STYLES:
-        raise OptionsError(f"family: expected one of {', '.join(STYLES)}, got {family!r}")
-    return STYLES[family]
 
 
 def pick(rng: Rng, colors: tuple[Color, ...], spread: float = 0.03) -> Color:

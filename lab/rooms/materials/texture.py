@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 # sRGB in 0..1.
 Color = Sequence[float] | NDArray[np.floating]
 _NUM_LEVELS = 7
+_LINEAR = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
+"""Linear reflectance in 0..1 of sRGB bytes (gamma 2.2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,20 +26,12 @@ class Texture:
     @property
     def mean_albedo(self) -> NDArray[np.float64]:
         """Return the mean linear reflectance (3,)."""
-        return np.asarray(linear_from_srgb(self.pixels[::2, ::2]).mean((0, 1)), np.float64)
+        return np.asarray(_LINEAR[self.pixels[::2, ::2]].mean((0, 1)), np.float64)
 
 
 def plain(color: Color) -> Texture:
     """Return a texture of one sRGB color, components in 0..1."""
     return Texture(np.full((1, 1, 3), np.round(np.clip(color, 0, 1) * np.float64(255)), np.uint8), (1.0, 1.0))
-
-
-def linear_from_srgb(color: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Convert sRGB bytes (..., 3) to linear reflectance in 0..1 (gamma 2.2)."""
-    return _LINEAR[color]
-
-
-_LINEAR = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
 
 
 class TextureAtlas:

@@ -8,12 +8,12 @@ import numpy as np
 
 from panoloc.core.errors import OptionsError
 from panoloc.lab.rooms.materials.patterns import Rng
-from panoloc.lab.rooms.materials.style import STYLES, Style, style_of
+from panoloc.lab.rooms.materials.style import STYLES, Style
 from panoloc.lab.rooms.scenes.flat_scene import furnished_flat
 from panoloc.lab.rooms.scenes.room_scene import bare_room, furnished_room
 from panoloc.lab.rooms.scenes.scene import Scene
 from panoloc.lab.rooms.scenes.street_scene import street
-from panoloc.lab.rooms.scenes.twin_scene import mirrored_rooms, nearly_twin_rooms, repeated_rooms, twin_rooms
+from panoloc.lab.rooms.scenes.twin_scene import equal_rooms, mirrored_rooms, nearly_twin_rooms, repeated_rooms
 
 SceneKind = Literal["room", "flat", "bare", "street", "twins", "twins_like", "mirrored", "repeated"]
 # The number of a kind seeds its scenes.
@@ -22,7 +22,7 @@ _BUILDERS: dict[str, Callable[[Rng, Style, float | None], Scene]] = {
     "flat": lambda rng, style, _: furnished_flat(rng, style),
     "bare": bare_room,
     "street": lambda rng, style, _: street(rng, style),
-    "twins": twin_rooms,
+    "twins": lambda rng, style, area_m2: equal_rooms(rng, style, area_m2, 2),
     "twins_like": nearly_twin_rooms,
     "mirrored": mirrored_rooms,
     "repeated": repeated_rooms,
@@ -49,4 +49,7 @@ def build_scene(spec: SceneSpec) -> Scene:
         raise OptionsError(f"kind: expected one of {', '.join(_BUILDERS)}, got {spec.kind!r}")
     rng = np.random.default_rng((spec.seed, list(_BUILDERS).index(spec.kind)))
     drawn = FAMILIES[rng.integers(len(FAMILIES))]
-    return _BUILDERS[spec.kind](rng, style_of(spec.family or drawn), spec.area_m2)
+    family = spec.family or drawn
+    if family not in STYLES:
+        raise OptionsError(f"family: expected one of {', '.join(STYLES)}, got {family!r}")
+    return _BUILDERS[spec.kind](rng, STYLES[family], spec.area_m2)

@@ -109,32 +109,31 @@ def _unburied(surface: Surface, light: NDArray[np.float32], buried: NDArray[np.b
     known = (~buried).astype(np.float32)[:, None]
     light = light * known
     for _ in range(_NUM_FILLS):
-        total, count = np.zeros_like(light), np.zeros_like(known)
-        share = known[surface.triangles].sum(1), light[surface.triangles].sum(1)
-        for corner in range(3):
-            np.add.at(count, surface.triangles[:, corner], share[0])
-            np.add.at(total, surface.triangles[:, corner], share[1])
+        count, total = (_summed(surface, values[surface.triangles].sum(1)) for values in (known, light))
         fill = (known == 0) & (count > 0)
         light = np.where(fill, total / np.maximum(count, 1), light)
         known = np.where(fill, 1, known).astype(np.float32)
     return np.asarray(light, np.float32)
 
 
+def _summed(surface: Surface, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the sums (V, C) of what belongs to the triangles (T, C) that meet at each vertex."""
+    total = np.zeros((len(surface.vertices), values.shape[1]), np.float32)
+    for corner in range(3):
+        np.add.at(total, surface.triangles[:, corner], values)
+    return total
+
+
 def _pulled_inwards(surface: Surface) -> NDArray[np.float32]:
     """Return the vertices (V, 3) moved a little into their faces, so that they do not lie on the next wall."""
     centers = surface.vertices[surface.triangles].mean(1)
-    total, count = np.zeros_like(surface.vertices), np.zeros((len(surface.vertices), 1), np.float32)
-    for corner in range(3):
-        np.add.at(total, surface.triangles[:, corner], centers)
-        np.add.at(count, surface.triangles[:, corner], 1)
+    total, count = _summed(surface, centers), _summed(surface, np.ones((len(centers), 1), np.float32))
     mean = np.where(count > 0, total / np.maximum(count, 1), surface.vertices)
     return np.asarray(surface.vertices + _PULL * (mean - surface.vertices), np.float32)
 
 
 def _vertex_normals(surface: Surface) -> NDArray[np.float32]:
-    total = np.zeros_like(surface.vertices)
-    for corner in range(3):
-        np.add.at(total, surface.triangles[:, corner], surface.normals)
+    total = _summed(surface, surface.normals)
     return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-9), np.float32)
 
 

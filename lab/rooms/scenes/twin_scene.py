@@ -22,14 +22,21 @@ _MIRROR = np.array([-1.0, 1, 1])
 _OTHER_SIDE = {0: 0, 1: 3, 2: 2, 3: 1}  # walls across x change sides
 
 
-def twin_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
-    """Return a furnished room and its exact copy, shifted along x."""
-    return _copies(rng, style, area_m2, 2)
+def equal_rooms(rng: Rng, style: Style, area_m2: float | None, count: int) -> Scene:
+    """Return `count` furnished rooms in a row along x, exact copies of the first."""
+    first = random_room(rng, area_m2 or float(rng.uniform(9, 25)))
+    shift = first.size_m[0] + _GAP_M
+    rooms = tuple(replace(first, x0=first.x0 + k * shift, x1=first.x1 + k * shift) for k in range(count))
+    states = [deepcopy(rng) for _ in rooms[1:]]
+    objects = furnished(rng, style, first, 0)
+    for number, (room, again) in enumerate(zip(rooms[1:], states, strict=True), 1):
+        objects += furnished(again, style, room, number)
+    return Scene(tuple(objects), rooms, style, twins=Twins(rooms, (False,) * count, equal=True))
 
 
 def repeated_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
     """Return three exact copies of a furnished room in a row, and the corridor along them, behind closed doors."""
-    rooms = _copies(rng, style, area_m2, 3)
+    rooms = equal_rooms(rng, style, area_m2, 3)
     assert rooms.twins is not None
     first, last = rooms.rooms[0], rooms.rooms[-1]
     end = first.y0 - _GAP_M
@@ -43,7 +50,7 @@ def repeated_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
 
 def nearly_twin_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
     """Return a furnished room and a copy of it in which one or two things or pictures are others."""
-    same = _copies(rng, style, area_m2, 2)
+    same = equal_rooms(rng, style, area_m2, 2)
     assert same.twins is not None
     movable = [thing for thing in same.objects if thing.room == 1 and thing.movable]
     chosen = rng.permutation(len(movable))[: int(rng.integers(1, 3))]
@@ -80,18 +87,6 @@ def twin_poses(scene: Scene, pose: Pose) -> tuple[Pose, ...]:
     at_first = _moved(pose, scene.twins, own, back=True)
     others = (number for number in range(len(scene.twins.rooms)) if number != own)
     return tuple(_moved(at_first, scene.twins, number, back=False) for number in others)
-
-
-def _copies(rng: Rng, style: Style, area_m2: float | None, count: int) -> Scene:
-    """Return a furnished room with its exact copies, in a row along x."""
-    first = random_room(rng, area_m2 or float(rng.uniform(9, 25)))
-    shift = first.size_m[0] + _GAP_M
-    rooms = tuple(replace(first, x0=first.x0 + k * shift, x1=first.x1 + k * shift) for k in range(count))
-    states = [deepcopy(rng) for _ in rooms[1:]]
-    objects = furnished(rng, style, first, 0)
-    for number, (room, again) in enumerate(zip(rooms[1:], states, strict=True), 1):
-        objects += furnished(again, style, room, number)
-    return Scene(tuple(objects), rooms, style, twins=Twins(rooms, (False,) * count, equal=True))
 
 
 def _is_inside(thing: SceneObject, room: Room) -> bool:
