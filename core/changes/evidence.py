@@ -25,7 +25,7 @@ class PhotoEvidence:
 
     center: (3,) metres in the axes of the cloud. changed: (H, 2H), 0 as scanned to 1 changed; 0 where `known` is not. known: both sides
     show something. color: (H, 2H, 3) of the photo as it would look in the light of the scan, 0..1. depth: (H, 2H) metres of the scan, inf
-    for nothing. shown: (H, 2H), the photo shows something. edges: (2, H, 2H), how much colours vary around a pixel of the scan and of the
+    for nothing. edges: (2, H, 2H), how much colours vary around a pixel of the scan and of the
     photo, 0..1: a picture that came has edges in the photo alone.
     """
 
@@ -34,7 +34,6 @@ class PhotoEvidence:
     known: Tensor
     color: Tensor
     depth: Tensor
-    shown: Tensor
     edges: Tensor
 
 
@@ -53,7 +52,7 @@ def photo_evidence(cloud: RenderCloud, panorama: Panorama, cloud_from_camera: Po
     changed = _around(torch.where(known, changed, 0.0))
     color = (fitted.exp() - CHANGES.dark).clamp(0, 1).permute(1, 2, 0)
     edges = torch.stack((_edges(scan), _edges(fitted))) * known
-    return PhotoEvidence(center, changed * known, known, color, _without_gaps(views.depth[0]), shown, edges)
+    return PhotoEvidence(center, changed * known, known, color, _without_gaps(views.depth[0]), edges)
 
 
 def color_distance(difference: Tensor) -> Tensor:

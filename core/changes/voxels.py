@@ -27,14 +27,6 @@ class VoxelGrid:
     shape: tuple[int, int, int]
     side: float
 
-    @classmethod
-    def around(
-        cls, low: NDArray[np.floating], high: NDArray[np.floating], side: float = CHANGES.voxel_m
-    ) -> "VoxelGrid":
-        """Return the grid that covers a box."""
-        x, y, z = np.maximum(np.ceil((np.asarray(high, np.float64) - low) / side).astype(int), 1).tolist()
-        return cls(np.asarray(low, np.float64), (x, y, z), side)
-
     def centers(self) -> Tensor:
         """Return the centres (X Y Z, 3) float32, metres."""
         axes = [low + (np.arange(count) + 0.5) * self.side for low, count in zip(self.low, self.shape, strict=True)]

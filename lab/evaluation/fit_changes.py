@@ -7,6 +7,7 @@ tests.campaign changes` measures on others.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -86,10 +87,12 @@ def described_room(seed: int) -> Sample:
         for pose in room.poses
     ]
     seen = [photo_evidence(cloud, *each) for each in zip(room.panoramas, poses, strict=True)]
-    low, high = (np.quantile(room.cloud.positions, q, axis=0) for q in (0.0005, 0.9995))
-    grid = VoxelGrid.around(low - 0.15, high + 0.15)
-    x, y, z = (MULTIPLE * -(-count // MULTIPLE) for count in grid.shape)
-    grid = VoxelGrid(grid.low, (x, y, z), grid.side)
+    low, high = (
+        np.asarray(np.quantile(room.cloud.positions, q, axis=0) + margin, np.float64)
+        for q, margin in ((0.0005, -0.15), (0.9995, 0.15))
+    )
+    x, y, z = (MULTIPLE * max(1, math.ceil(extent / CHANGES.voxel_m / MULTIPLE)) for extent in high - low)
+    grid = VoxelGrid(low, (x, y, z), CHANGES.voxel_m)
     features = voxel_features(grid, room.cloud.positions, colors.numpy(), seen).numpy()
     return features.astype(np.float16), targets(grid, room.objects).astype(np.float16)
 

@@ -123,9 +123,9 @@ def reliability_bins(probabilities: Floats, right: Flags, num_bins: int = 10) ->
     ]
 
 
-def expected_calibration_error(probabilities: Floats, right: Flags, num_bins: int = 10) -> float | None:
+def expected_calibration_error(probabilities: Floats, right: Flags) -> float | None:
     """Return the mean gap between probability and share right over bins of equal width, weighted by count; None without answers."""
     if len(probabilities) == 0:
         return None
-    bins = reliability_bins(probabilities, right, num_bins)
+    bins = reliability_bins(probabilities, right)
     return sum(b.count * abs(b.mean_probability - b.share_right) for b in bins) / len(probabilities)

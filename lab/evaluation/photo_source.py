@@ -16,7 +16,7 @@ from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from panoloc.lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked, with_any_defect
+from panoloc.lab.rooms import CAMERAS, QueryCamera, cut_photo, with_any_defect
 
 
 def as_photos(scans: Sequence[ScanCases], camera: str, seeds: Sequence[int], width: int = 1024) -> list[ScanCases]:
@@ -69,11 +69,7 @@ def cut_query(known: KnownQuery, camera: QueryCamera, rng: np.random.Generator, 
     lens, rotations = camera.shooting.camera(rng, width), camera.shooting.rotations(rng)
     photos = [cut_photo(known.panorama, lens, place.rotation.T @ rotation) for rotation in rotations]
     poses = [Pose(rotation, place.position) for rotation in rotations]
-    if camera.session is None:
-        session = camera.alone(photos[0], rng)
-    else:
-        axes = session_axes(rng, poses[0], upright=camera.session.up_known)
-        session = tracked(photos, poses, axes, camera.session, rng)
+    session, _ = camera.rig_of(photos, poses, rng)
     # Where the place exists twice, the photo was turned against each of its panoramas alike.
     first = tuple(Pose(pose.rotation @ place.rotation.T @ rotations[0], pose.position) for pose in known.poses)
     return replace(known, query=session, poses=first, changed_pixels=None, hints=camera.hints)

@@ -10,14 +10,14 @@ from panoloc.lab.rooms.capture.change_truth import changed_pixels, changed_point
 from panoloc.lab.rooms.capture.defects import with_any_defect
 from panoloc.lab.rooms.capture.free_space import sample_pose
 from panoloc.lab.rooms.capture.scanning import Scan, scan_scene, scan_with_truth
-from panoloc.lab.rooms.capture.shooting import QueryCamera, session_axes, tracked
+from panoloc.lab.rooms.capture.shooting import QueryCamera
 from panoloc.lab.rooms.capture.views import View, cut_photo, take_panorama, take_photo, take_view
 from panoloc.lab.rooms.case_folder import PosedPanorama, write_case_folder
 from panoloc.lab.rooms.cases import Case, make_case
 from panoloc.lab.rooms.scenes.changes import change_scene
 from panoloc.lab.rooms.scenes.generator import FAMILIES, SceneSpec, build_scene
 from panoloc.lab.rooms.scenes.scene import Scene
-from panoloc.lab.rooms.suites import CAMERAS, suite_cases, suite_of
+from panoloc.lab.rooms.suites import CAMERAS, suite_cases
 
 __all__ = [
     "CAMERAS",
@@ -40,13 +40,10 @@ __all__ = [
     "sample_pose",
     "scan_scene",
     "scan_with_truth",
-    "session_axes",
     "suite_cases",
-    "suite_of",
     "take_panorama",
     "take_photo",
     "take_view",
-    "tracked",
     "with_any_defect",
     "write_case_folder",
 ]

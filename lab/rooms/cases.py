@@ -19,7 +19,7 @@ from panoloc.lab.rooms.capture.free_space import sample_pose
 from panoloc.lab.rooms.capture.imperfect_scan import Imperfections, scan_imperfectly
 from panoloc.lab.rooms.capture.intruders import add_person, show_hand
 from panoloc.lab.rooms.capture.scanning import Scan, scan_with_truth
-from panoloc.lab.rooms.capture.shooting import QueryCamera, Shooting, session_axes, tracked
+from panoloc.lab.rooms.capture.shooting import QueryCamera, Shooting
 from panoloc.lab.rooms.capture.views import take_photo, take_view
 from panoloc.lab.rooms.objects.solids import about_z
 from panoloc.lab.rooms.scenes.changes import change_scene, day, night
@@ -192,10 +192,8 @@ def _photos(
     if suite.color_kind == "rgb":
         look = suite.drawn_look(rng)
         photos = [photo_with_look(photo, look, (seed, number)) for number, photo in enumerate(photos)]
-    if camera.session is None:
-        return _Taken(now, camera.alone(photos[0], rng), tuple(poses), None, poses[0])
-    axes = session_axes(rng, poses[0], upright=camera.session.up_known)
-    return _Taken(now, tracked(photos, poses, axes, camera.session, rng), tuple(poses), None, axes)
+    rig, axes = camera.rig_of(photos, poses, rng)
+    return _Taken(now, rig, tuple(poses), None, axes)
 
 
 def _with_defect(case: Case, *, masked: bool) -> Case:

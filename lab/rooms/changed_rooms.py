@@ -1,6 +1,5 @@
 """A room that was scanned, changed and then photographed from several places, with the truth about what came and went."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,25 +34,22 @@ def make_changed_room(
     num_photos: int = 3,
     *,
     width: int = 1024,
-    change: float = 0.6,
-    families: Sequence[str] | None = None,
     any_look: bool = False,
     imperfect: bool = False,
 ) -> ChangedRoom:
     """Make one room; the same arguments always give the same one.
 
-    change: share of the furniture and pictures that changes; all rugs go. any_look: every photo has a camera's look of its own. imperfect:
-    the scan has the faults of a depth camera.
+    60 % of the furniture and pictures change, and all rugs go. any_look: every photo has a camera's look of its own. imperfect: the scan
+    has the faults of a depth camera.
     """
     rng = np.random.default_rng((seed, 41))
-    family = None if not families else families[int(rng.integers(len(families)))]
-    before = build_scene(SceneSpec("room", seed, family))
+    before = build_scene(SceneSpec("room", seed))
     if imperfect:
         scanned = scan_imperfectly(before, Imperfections(), seed=seed)
         scan, as_scanned = scanned.scan, scanned.scene
     else:
         scan, as_scanned = scan_with_truth(before, seed=seed), before
-    now = change_scene(before, change, seed)
+    now = change_scene(before, seed=seed)
     places = scanner_positions(now, num_photos, rng)
     poses = tuple(Pose(random_rotation(rng, "tilted"), place) for place in places)
     views = [take_view(now, pose, width) for pose in poses]

@@ -70,19 +70,6 @@ CAMERAS: dict[str, QueryCamera] = {
 }
 
 
-def suite_of(name: str) -> tuple[Suite, QueryCamera | None]:
-    """Return the recipe of a suite and its camera, None for full panoramas.
-
-    name: a place, or `place/camera`. Raises OptionsError for any other.
-    """
-    place, slash, camera = name.partition("/")
-    if place not in SUITES:
-        raise OptionsError(f"suite: expected one of {', '.join(SUITES)}, alone or with /CAMERA, got {name!r}")
-    if slash and camera not in CAMERAS:
-        raise OptionsError(f"suite: expected a camera of {', '.join(CAMERAS)} after {place}/, got {name!r}")
-    return SUITES[place], CAMERAS[camera] if slash else None
-
-
 def suite_cases(
     name: str,
     seeds: Sequence[int],
@@ -98,9 +85,13 @@ def suite_cases(
     num_points: of the scan, None for what the suite says.
     Raises OptionsError for an unknown suite or family.
     """
-    suite, camera = suite_of(name)
+    place, slash, camera = name.partition("/")
+    if place not in SUITES:
+        raise OptionsError(f"suite: expected one of {', '.join(SUITES)}, alone or with /CAMERA, got {name!r}")
+    if slash and camera not in CAMERAS:
+        raise OptionsError(f"suite: expected a camera of {', '.join(CAMERAS)} after {place}/, got {name!r}")
     unknown = set(families or ()) - set(FAMILIES)
     if unknown:
         raise OptionsError(f"families: expected some of {', '.join(FAMILIES)}, got {', '.join(sorted(unknown))}")
-    sized = suite if num_points is None else replace(suite, num_points=num_points)
-    return (make_case(name, sized, seed, families, width, camera) for seed in seeds)
+    suite = SUITES[place] if num_points is None else replace(SUITES[place], num_points=num_points)
+    return (make_case(name, suite, seed, families, width, CAMERAS[camera] if slash else None) for seed in seeds)

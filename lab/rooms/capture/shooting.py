@@ -18,34 +18,34 @@ from panoloc.core.options import Hints, SessionOptions
 from panoloc.lab.rooms.capture.free_space import free_position, random_rotation
 from panoloc.lab.rooms.scenes.scene import Scene
 
-LEVEL_DEG = 5.0  # pitch and roll of a photo that is meant to be level
+_LEVEL_DEG = 5.0  # pitch and roll of a photo that is meant to be level
 _TURN_JITTER_DEG = 5.0
 _LENS_CLEARANCE_M = 0.2
 _HEIGHT_JITTER_M = 0.03
 _TRIES = 80
 _ORIGIN_M = 3.0
+_SHAPE = 0.75  # height of a pinhole's image in terms of its width
 
 
 @dataclass(frozen=True)
 class Shooting:
     """How the images of one query are taken.
 
-    hfov_deg: least and greatest width of an image in degrees. shape: height of a pinhole's image in terms of its width; a fisheye's is
-    square. vfov_deg: height of a cylinder, degrees. num_images: least and greatest. apart_deg: heading from one image to the next; None:
-    looking around. arm_m: least and greatest distance of the lens from the axis that it is turned about. walk_m: length of the way on
-    which the images are taken. pitch_deg, roll_deg: the largest.
+    hfov_deg: least and greatest width of an image in degrees; a pinhole's is 4 : 3, a fisheye's square. vfov_deg: height of a cylinder,
+    degrees. num_images: least and greatest. apart_deg: heading from one image to the next; None: looking around. arm_m: least and
+    greatest distance of the lens from the axis that it is turned about. walk_m: length of the way on which the images are taken.
+    pitch_deg, roll_deg: the largest.
     """
 
     model: CameraModel = "pinhole"
     hfov_deg: tuple[float, float] = (69.0, 69.0)
-    shape: float = 0.75
     vfov_deg: float = 50.0
     num_images: tuple[int, int] = (1, 1)
     apart_deg: float | None = 0.0
     arm_m: tuple[float, float] = (0.0, 0.0)
     walk_m: float = 0.0
-    pitch_deg: float = LEVEL_DEG
-    roll_deg: float = LEVEL_DEG
+    pitch_deg: float = _LEVEL_DEG
+    roll_deg: float = _LEVEL_DEG
 
     def camera(self, rng: np.random.Generator, width: int) -> Camera:
         """Draw the camera of a query.
@@ -59,7 +59,7 @@ class Shooting:
         if self.model == "opencv_fisheye":
             side = round(width * 0.75)
             return Camera.from_hfov(self.model, side, side, hfov)
-        return Camera.from_hfov(self.model, width, round(width * self.shape), hfov)
+        return Camera.from_hfov(self.model, width, round(width * _SHAPE), hfov)
 
     def rotations(self, rng: np.random.Generator) -> list[NDArray[np.float64]]:
         """Draw the orientation (3, 3) of each image in a level frame."""
@@ -147,12 +147,15 @@ class QueryCamera:
     masked: bool = False
     zoom: tuple[float, float] | None = None
 
-    def alone(self, photo: Photo, rng: np.random.Generator) -> Rig:
-        """Return the rig of one photo, with the camera that is stated of it."""
+    def rig_of(self, photos: Sequence[Photo], poses: Sequence[Pose], rng: np.random.Generator) -> tuple[Rig, Pose]:
+        """Return what is known of photos with map_from_camera `poses`, and map_from_session without the noise of the tracking."""
+        if self.session is not None:
+            axes = session_axes(rng, poses[0], upright=self.session.up_known)
+            return tracked(photos, poses, axes, self.session, rng), axes
         if self.zoom is None:
-            return Rig.of_photo(photo)
-        stated = Rig.of_photo(replace(photo, focal_uncertainty=0.013))
-        return stated.with_focal_factor(math.exp(-rng.uniform(*np.log(self.zoom))))
+            return Rig.of_photo(photos[0]), poses[0]
+        stated = Rig.of_photo(replace(photos[0], focal_uncertainty=0.013))
+        return stated.with_focal_factor(math.exp(-rng.uniform(*np.log(self.zoom)))), poses[0]
 
 
 def session_axes(rng: np.random.Generator, near: Pose, *, upright: bool) -> Pose:

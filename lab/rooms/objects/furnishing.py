@@ -92,48 +92,44 @@ class Furnisher:
         if self._rng.random() < 0.3:
             self._place.along_wall(fittings.socket(self._rng, "duct"), 0.1)
 
-    def add_something(self) -> bool:
-        """Add one thing of any sort; return whether there was room."""
+    def add_something(self) -> None:
+        """Add one thing of any sort, if there is room."""
         ways = (self.add_wall_item, self.add_wall_item, self.add_free_item, self.add_picture, self.add_corner_item)
-        return ways[self._rng.integers(len(ways))]()
+        ways[self._rng.integers(len(ways))]()
 
-    def add_wall_item(self) -> bool:
-        """Put one large thing against a wall; return whether there was room."""
+    def add_wall_item(self) -> None:
+        """Put one large thing against a wall, if there is room."""
         thing = self._builders[self._rng.integers(len(self._builders))](self._rng, self._style)
-        if not self._place.along_wall(thing):
-            return False
-        if thing.name == "desk":
+        if self._place.along_wall(thing) and thing.name == "desk":
             self._chair_in_front(self.objects[-1])
-        return True
 
-    def add_free_item(self) -> bool:
-        """Put a table with its chairs, a single chair or boxes anywhere on the floor; return whether there was room."""
+    def add_free_item(self) -> None:
+        """Put a table with its chairs, a single chair or boxes anywhere on the floor, if there is room."""
         thing = _FREE[self._rng.integers(len(_FREE))](self._rng, self._style)
-        if not self._place.on_floor(thing, 0.7 if thing.name == "table" else 0.3):
-            return False
-        if thing.name == "table":
+        is_table = thing.name == "table"
+        if self._place.on_floor(thing, 0.7 if is_table else 0.3) and is_table:
             self._chairs_around(self.objects[-1])
-        return True
 
-    def add_corner_item(self) -> bool:
-        """Put a plant or a lamp near a corner; return whether there was room."""
+    def add_corner_item(self) -> None:
+        """Put a plant or a lamp near a corner, if there is room."""
         build = (decoration.plant, decoration.plant, decoration.floor_lamp)[self._rng.integers(3)]
-        return self._place.near_corner(build(self._rng, self._style))
+        self._place.near_corner(build(self._rng, self._style))
 
-    def add_rug(self) -> bool:
-        """Lay one rug; return whether it fits."""
+    def add_rug(self) -> None:
+        """Lay one rug, if it fits."""
         width, depth = self._room.size_m
-        return self._place.on_floor(decoration.rug(self._rng, self._style, (width * 0.7, depth * 0.7)), 0.1)
+        self._place.on_floor(decoration.rug(self._rng, self._style, (width * 0.7, depth * 0.7)), 0.1)
 
-    def add_picture(self) -> bool:
-        """Hang one picture; return whether there was room."""
-        return self._place.along_wall(decoration.wall_picture(self._rng, self._style), 0.06)
+    def add_picture(self) -> None:
+        """Hang one picture, if there is room."""
+        self._place.along_wall(decoration.wall_picture(self._rng, self._style), 0.06)
 
-    def add_again(self, thing: Item) -> bool:
-        """Put a thing that stood elsewhere at a new place; return whether there was room."""
+    def add_again(self, thing: Item) -> None:
+        """Put a thing that stood elsewhere at a new place, if there is room."""
         if thing.anchor in ("middle", "floor"):
-            return self._place.on_floor(thing, 0.05)
-        return self._place.along_wall(thing)
+            self._place.on_floor(thing, 0.05)
+        else:
+            self._place.along_wall(thing)
 
     def _dress_window(self, wall: int, start: float, width: float, sill: float, top: float) -> None:
         if sill > 0.7 and self._rng.random() < 0.7:

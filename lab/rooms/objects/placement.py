@@ -36,14 +36,13 @@ class Placer:
                 return True
         return False
 
-    def near_corner(self, thing: Item) -> bool:
-        """Put a thing at a wall within 0.8 m of a corner; return whether there was room."""
+    def near_corner(self, thing: Item) -> None:
+        """Put a thing at a wall within 0.8 m of a corner, if there is room."""
         for _ in range(_TRIES):
             wall = int(self.rng.integers(4))
             length, along = self.room.wall_length_m(wall), self.rng.uniform(0.25, 0.8)
             if self.at_wall(thing, wall, along if self.rng.random() < 0.5 else length - along):
-                return True
-        return False
+                return
 
     def on_floor(self, thing: Item, gap_m: float) -> bool:
         """Put a thing anywhere with `gap_m` of free floor around it (flat things may lie under others)."""
@@ -82,13 +81,11 @@ class Placer:
         self.put(thing, float(np.arctan2(inward[1], inward[0])) - np.pi / 2, (at[0], at[1], 0.0), area)
         return True
 
-    def at(self, thing: Item, yaw: float, x: float, y: float) -> bool:
-        """Put a thing exactly there; return whether the place was free."""
+    def at(self, thing: Item, yaw: float, x: float, y: float) -> None:
+        """Put a thing exactly there, if the place is free."""
         area = turned_footprint(thing, yaw, x, y)
-        if not self._inside(area) or any(area.overlaps(other, 0.01) for other in self._standing()):
-            return False
-        self.put(thing, yaw, (x, y, 0.0), area)
-        return True
+        if self._inside(area) and not any(area.overlaps(other, 0.01) for other in self._standing()):
+            self.put(thing, yaw, (x, y, 0.0), area)
 
     def put(self, thing: Item, yaw: float, at: tuple[float, float, float], area: Footprint | None) -> None:
         """Put a thing there without asking."""

@@ -112,14 +112,14 @@ def cylinder(
     return parts
 
 
-def ellipsoid(radii: Sequence[float], texture: Texture, center: Vector, *, glow: float = 0.0) -> list[Part]:
+def ellipsoid(radii: Sequence[float], texture: Texture, center: Vector) -> list[Part]:
     """Return an ellipsoid around `center`."""
     rows, columns = 8, 12
     polar, around = np.meshgrid(np.linspace(np.pi, 0, rows + 1), np.linspace(0, 2 * np.pi, columns + 1), indexing="ij")
     unit = np.stack((np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)), -1).reshape(-1, 3)
     scale = np.asarray(radii, np.float64)
     uv = np.stack((around * scale[:2].mean(), (np.pi - polar) * scale.mean()), -1).reshape(-1, 2)
-    return [Part(np.asarray(center) + unit * scale, _grid_triangles(rows, columns), uv, texture, glow)]
+    return [Part(np.asarray(center) + unit * scale, _grid_triangles(rows, columns), uv, texture)]
 
 
 def moved(parts: Iterable[Part], yaw: float = 0.0, offset: Vector = (0.0, 0.0, 0.0)) -> list[Part]:

@@ -1,6 +1,6 @@
 """A street of about 60 m: houses on both sides, road, pavements, parked cars, trees, lamps, and an open sky."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,10 +33,10 @@ def street(rng: Rng, style: Style) -> Scene:
     objects = [*_ground(rng, sun), *_houses(rng)]
     dresser = StreetDresser(rng, ())
     for _ in range(rng.integers(6, 11)):
-        dresser.add(car)
+        dresser.add_again(car(rng))
     for build, low, high in ((tree, 3, 8), (lamp_post, 3, 6), (sign, 2, 5), (bench, 1, 4)):
         for _ in range(rng.integers(low, high)):
-            dresser.add(build)
+            dresser.add_again(build(rng))
     sky = Sky((0.42, 0.62, 1.0), (0.92, 0.96, 1.0))
     return Scene((*objects, *dresser.objects), (CAMERA_AREA,), style, sky, outdoor=True)
 
@@ -49,12 +49,8 @@ class StreetDresser:
         self._taken = [thing.footprint for thing in there if thing.footprint]
         self.objects: list[SceneObject] = []
 
-    def add(self, build: Callable[[Rng], Item]) -> bool:
-        """Build one thing and find a place for it; return whether there was room."""
-        return self.add_again(build(self._rng))
-
-    def add_again(self, thing: Item) -> bool:
-        """Find a new place for a thing; return whether there was room."""
+    def add_again(self, thing: Item) -> None:
+        """Find a new place for a thing, if there is room."""
         rng = self._rng
         for _ in range(30):
             side = 1 if rng.random() < 0.5 else -1
@@ -69,12 +65,12 @@ class StreetDresser:
             if not any(area.overlaps(other, 0.5) for other in self._taken):
                 self.objects.append(placed(thing, f"{thing.name}@{x:.3f},{y:.3f}", yaw, (x, y, z), area))
                 self._taken.append(area)
-                return True
-        return False
+                return
 
-    def add_something(self) -> bool:
-        """Add one thing of any sort; return whether there was room."""
-        return self.add((car, car, bench, sign, _pedestrian)[self._rng.integers(5)])
+    def add_something(self) -> None:
+        """Add one thing of any sort, if there is room."""
+        build = (car, car, bench, sign, _pedestrian)[self._rng.integers(5)]
+        self.add_again(build(self._rng))
 
 
 def _pedestrian(rng: Rng) -> Item:

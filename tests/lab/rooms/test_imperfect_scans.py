@@ -9,8 +9,13 @@ from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import Pose
 from panoloc.lab.rooms import Scene, scan_with_truth, suite_cases
-from panoloc.lab.rooms.capture.imperfect_scan import Imperfections, ImperfectScan, draw_drifts, scan_imperfectly
-from panoloc.lab.rooms.scenes.proxies import with_boxes
+from panoloc.lab.rooms.capture.imperfect_scan import (
+    Imperfections,
+    ImperfectScan,
+    draw_drifts,
+    scan_imperfectly,
+    with_boxes,
+)
 
 HOW = Imperfections()
 EVERYWHERE = replace(HOW, holes_per_m2=0, ceiling_gone=(0, 0), blind_deg=(0, 0), dark_albedo=1e-6, boxes=0)

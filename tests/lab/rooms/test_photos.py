@@ -90,11 +90,14 @@ def test_a_zoom_is_in_the_photo_and_not_in_what_is_stated_of_its_camera() -> Non
     camera = Camera("pinhole", 64, 48, 50.0, 50.0, 32.0, 24.0)
     photo = Photo(np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), bool), camera)
     for seed in range(20):
-        (stated,) = CAMERAS["photo_zoom"].alone(photo, np.random.default_rng(seed)).photos
+        rig, _ = CAMERAS["photo_zoom"].rig_of([photo], [Pose(np.eye(3), np.zeros(3))], np.random.default_rng(seed))
+        (stated,) = rig.photos
         assert 1.2 <= camera.fx_px / stated.camera.fx_px <= 2.0
         assert stated.color is photo.color
         assert stated.focal_uncertainty > 0
-    assert CAMERAS["photo"].alone(photo, np.random.default_rng(0)).photos == (photo,)
+    assert CAMERAS["photo"].rig_of([photo], [Pose(np.eye(3), np.zeros(3))], np.random.default_rng(0))[0].photos == (
+        photo,
+    )
 
 
 @pytest.mark.parametrize(("name", "apart", "count"), [("frames2", 90, 2), ("frames4", 60, 4), ("frames6", 60, 6)])
