@@ -1,7 +1,6 @@
 """`panoloc demo`: the whole way once, in a procedural room whose poses are known exactly."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -52,9 +51,11 @@ def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
 
     with session.client(url) as client:
         service = None if client.is_live() else start_in_background(url, folder / "service.log")
-        if service is not None:
-            session.messages.print(f"No service at {url}: starting one (log: {escape(str(service.log_file))}).")
-        with _stopped_on_failure(service):
+        # A service of ours is left running only when the demo went through.
+        with ExitStack() as failure:
+            if service is not None:
+                failure.callback(service.stop)
+                session.messages.print(f"No service at {url}: starting one (log: {escape(str(service.log_file))}).")
             with show_waiting(session.messages, "making a room") as say:
                 scene = make_demo_scene(folder, seed, say)
             names = ", ".join([scene.scan.name, *(query.image.name for query in scene.queries)])
@@ -68,6 +69,7 @@ def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
             answers = folder / "answers"
             make_out_folder(answers)
             codes = [(query, _localize(session, client, place["id"], answers, query)) for query in scene.queries]
+            failure.pop_all()
     _say_what_remains(session, url, service, place["id"])
     return worst_of([code for query, code in codes if not query.may_stay_open])
 
@@ -90,17 +92,6 @@ def _localize(session: Session, client: JsonClient, map_id: str, folder: Path, q
         show(f"[bold]off by {position_m * 100:.1f} cm and {orientation_deg:.2f} degrees[/] from the known pose")
     session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
     return exit_code_of(answer["status"])
-
-
-@contextmanager
-def _stopped_on_failure(service: BackgroundService | None) -> Iterator[None]:
-    """Leave a service of ours running only when the demo went through."""
-    try:
-        yield
-    except BaseException:
-        if service is not None:
-            service.stop()
-        raise
 
 
 def _say_what_remains(session: Session, url: str, service: BackgroundService | None, map_id: str) -> None:

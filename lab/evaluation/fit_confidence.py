@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.decide.confidence import FEATURES, RadiusModel, radius_signs
-from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error
+from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error, share_within
 from panoloc.lab.evaluation.rows import RIGHT, Row, RowsError
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Radii = NDArray[np.object_]
+"""Of rows, (N, 2), metres and degrees; None where unknown."""
 _RADIUS_LEVEL = 0.68
 # Percent; of the few answers between 0.6 and 0.7 nearly half are wrong, and a wrong pose is worse than none.
 _LEAST_THRESHOLD = 75
@@ -249,9 +251,9 @@ def _fold_names(rows: Sequence[Row]) -> list[str]:
 
 def _predict_held_out(
     rows: Sequence[Row], features: Floats, right: Flags, taught: Flags, names: Sequence[str], regularization: float
-) -> tuple[Floats, Floats]:
-    """Return probabilities (N,) and radii (N, 2), metres and degrees, each from a fit to the other groups."""
-    predicted, radii = np.full(len(rows), right.mean()), np.full((len(rows), 2), np.nan)
+) -> tuple[Floats, Radii]:
+    """Return probabilities (N,) and radii, each from a fit to the other groups."""
+    predicted, radii = np.full(len(rows), right.mean()), np.full((len(rows), 2), None)
     for name in sorted(set(names)):
         out = np.array([one == name for one in names])
         rest = ~out & taught
@@ -276,15 +278,11 @@ def _threshold(predicted: Floats, rows: Sequence[Row], max_wrong: float) -> floa
 
 
 def _held_out(
-    rows: Sequence[Row], right: Flags, predicted: Floats, radii: Floats, threshold: float, names: Sequence[str]
+    rows: Sequence[Row], right: Flags, predicted: Floats, radii: Radii, threshold: float, names: Sequence[str]
 ) -> HeldOut:
     called = predicted >= threshold
     far_off = np.array([row.is_far_off for row in rows])
-    holds: list[list[bool]] = [[], []]
-    for row, good, limits in zip(rows, right, radii, strict=True):
-        for axis, error in enumerate((row.position_error_m, row.orientation_error_deg)):
-            if good and error is not None and np.isfinite(limits[axis]):
-                holds[axis].append(error <= limits[axis])
+    held = [(row, limits) for row, good, limits in zip(rows, right, radii, strict=True) if good]
     return HeldOut(
         groups=tuple(sorted(set(names))),
         num_rows=len(rows),
@@ -294,8 +292,8 @@ def _held_out(
         threshold=threshold,
         wrong_answers=float(np.mean(called & far_off)),
         answered_right=float(np.mean(called[right])) if right.any() else None,
-        radius_holds_position=float(np.mean(holds[0])) if holds[0] else None,
-        radius_holds_orientation=float(np.mean(holds[1])) if holds[1] else None,
+        radius_holds_position=share_within((row.position_error_m, limits[0]) for row, limits in held),
+        radius_holds_orientation=share_within((row.orientation_error_deg, limits[1]) for row, limits in held),
     )
 
 

@@ -1,5 +1,6 @@
 """How well maps of what changed find it, how well scores separate, and how honest probabilities are."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -129,3 +130,9 @@ def expected_calibration_error(probabilities: Floats, right: Flags) -> float | N
         return None
     bins = reliability_bins(probabilities, right)
     return sum(b.count * abs(b.mean_probability - b.share_right) for b in bins) / len(probabilities)
+
+
+def share_within(pairs: Iterable[tuple[float | None, float | None]]) -> float | None:
+    """Return the share of errors within their radius, of those that have one; None without any."""
+    held = [error <= radius for error, radius in pairs if error is not None and radius is not None]
+    return sum(held) / len(held) if held else None

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from panoloc.lab.evaluation.methods import ComparedMethod
-from panoloc.lab.evaluation.metrics import Flags, Floats, area_under_roc, expected_calibration_error, reliability_bins
+from panoloc.lab.evaluation.metrics import (
+    Flags,
+    Floats,
+    area_under_roc,
+    expected_calibration_error,
+    reliability_bins,
+    share_within,
+)
 from panoloc.lab.evaluation.rows import RIGHT, TIGHT, Row
 from panoloc.lab.machine import machine, versions
 
@@ -120,15 +127,9 @@ def calibration_of(rows: Sequence[Row]) -> CalibrationSummary:
         len(answers),
         expected_calibration_error(confidences, right),
         area_under_roc(confidences, right),
-        _holds([(row.position_error_m, row.accuracy_position_m) for row in good]),
-        _holds([(row.orientation_error_deg, row.accuracy_orientation_deg) for row in good]),
+        share_within([(row.position_error_m, row.accuracy_position_m) for row in good]),
+        share_within([(row.orientation_error_deg, row.accuracy_orientation_deg) for row in good]),
     )
-
-
-def _holds(pairs: Sequence[tuple[float | None, float | None]]) -> float | None:
-    """Return the share of errors within their radius, of those that have one."""
-    held = [error <= radius for error, radius in pairs if error is not None and radius is not None]
-    return _share(held) if held else None
 
 
 def _quartiles(values: Sequence[float | None]) -> Quartiles | None:

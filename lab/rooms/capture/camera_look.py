@@ -64,7 +64,7 @@ def random_look(rng: np.random.Generator) -> CameraLook:
 
 def apply_look(panorama: Panorama, look: CameraLook, seed: int = 0) -> Panorama:
     """Return the panorama as that camera in that light shows it; `seed` draws the noise. The mask stays."""
-    return Panorama(looked(panorama.color, look, seed, "wrap"), panorama.valid)
+    return Panorama(looked(panorama.color, look, (seed,), "wrap"), panorama.valid)
 
 
 def photo_with_look(photo: Photo, look: CameraLook, seed: tuple[int, ...]) -> Photo:
@@ -73,7 +73,7 @@ def photo_with_look(photo: Photo, look: CameraLook, seed: tuple[int, ...]) -> Ph
 
 
 def looked(
-    pixels: NDArray[np.uint8], look: CameraLook, seed: int | tuple[int, ...], beyond: Literal["wrap", "edge"]
+    pixels: NDArray[np.uint8], look: CameraLook, seed: tuple[int, ...], beyond: Literal["wrap", "edge"]
 ) -> NDArray[np.uint8]:
     """Return an image (H, W, 3) as that camera in that light shows it; beyond: how it goes on at its sides, for the blur."""
     color = pixels.astype(np.float32) / 255 * (np.asarray(look.white_balance, np.float32) * look.exposure)
@@ -85,11 +85,7 @@ def looked(
     if look.blur_px > 0:
         pixels = _blurred(pixels, look.blur_px, beyond)
     if look.noise > 0:
-        grain = (
-            np.random.default_rng((*((seed,) if isinstance(seed, int) else seed), 11))
-            .normal(0, look.noise, color.shape)
-            .astype(np.float32)
-        )
+        grain = np.random.default_rng((*seed, 11)).normal(0, look.noise, color.shape).astype(np.float32)
         pixels = _bytes(pixels.astype(np.float32) / 255 + grain)
     if look.jpeg_quality is not None:
         pixels = np.asarray(Image.open(io.BytesIO(encode_jpeg(pixels, look.jpeg_quality))))

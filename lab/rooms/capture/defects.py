@@ -13,6 +13,7 @@ from panoloc.lab.rooms.capture.views import pixel_centers, viewing_directions
 
 Pixels = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+_BLACK, _WHITE = np.zeros(3, np.uint8), np.full(3, 255, np.uint8)
 Draw = Callable[[Pixels, np.random.Generator], tuple[Pixels, Mask]]
 
 
@@ -32,14 +33,16 @@ def with_any_defect(panorama: Panorama, rng: np.random.Generator) -> tuple[Panor
     return Panorama(np.asarray(Image.open(io.BytesIO(stored))), panorama.valid), covered
 
 
-def _void(pick: Callable[[np.random.Generator], NDArray[np.uint8]], share: tuple[float, float], waves: float) -> Draw:
+def _void(fill: Pixels | None, share: tuple[float, float], waves: float) -> Draw:
+    """Cover hills of a random function with a colour, None: any."""
+
     def draw(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
         field = _field(len(color), waves, rng)
         if rng.random() < 0.6:  # ceilings and floors are missed more often than walls
             up = _elevation(len(color)) * rng.choice([-1, 1])
             field = field + 1.5 * np.sin(up)
         hole = field > _quantile(field, 1 - rng.uniform(*share))
-        return _filled(color, hole, pick(rng), rng), hole
+        return _filled(color, hole, _any(rng) if fill is None else fill, rng), hole
 
     return draw
 
@@ -75,21 +78,14 @@ def _filled(color: Pixels, hole: Mask, fill: NDArray[np.uint8], rng: np.random.G
     return np.asarray(color * (1 - share) + fill * share + 0.5).astype(np.uint8)
 
 
-def _black(rng: np.random.Generator) -> NDArray[np.uint8]:
-    return np.zeros(3, np.uint8)
-
-
-def _white(rng: np.random.Generator) -> NDArray[np.uint8]:
-    return np.full(3, 255, np.uint8)
-
-
 def _any(rng: np.random.Generator) -> NDArray[np.uint8]:
     grey = rng.integers(40, 216)
     return np.full(3, grey, np.uint8) if rng.random() < 0.5 else rng.integers(0, 256, 3).astype(np.uint8)
 
 
 def _one_of(rng: np.random.Generator) -> NDArray[np.uint8]:
-    return (_black, _black, _white, _any)[int(rng.integers(4))](rng)
+    fill = (_BLACK, _BLACK, _WHITE, None)[int(rng.integers(4))]
+    return _any(rng) if fill is None else fill
 
 
 def _letter_box(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
@@ -118,7 +114,7 @@ def _wedges(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
         frame = column * num_frames // width
         slope = rng.normal(0, 0.1, num_frames)[frame] * (column - frame * width / num_frames)
         covered |= edge < (rng.uniform(0.08, 0.22) + rng.normal(0, 0.03, num_frames)[frame]) * height + slope
-    return _filled(color, covered, _black(rng), rng), covered
+    return _filled(color, covered, _BLACK, rng), covered
 
 
 def _cap(color: Pixels, rng: np.random.Generator) -> tuple[int, Mask]:
@@ -191,10 +187,10 @@ def _mirror(color: Pixels, rows: int) -> Pixels:
 
 
 DEFECTS: dict[str, Draw] = {
-    "void_black": _void(_black, (0.08, 0.45), 2.5),
-    "void_white": _void(_white, (0.08, 0.45), 2.5),
-    "void_color": _void(_any, (0.08, 0.45), 2.5),
-    "holes": _void(_black, (0.05, 0.25), 14.0),
+    "void_black": _void(_BLACK, (0.08, 0.45), 2.5),
+    "void_white": _void(_WHITE, (0.08, 0.45), 2.5),
+    "void_color": _void(None, (0.08, 0.45), 2.5),
+    "holes": _void(_BLACK, (0.05, 0.25), 14.0),
     "letter_box": _letter_box,
     "columns": _columns,
     "wedges": _wedges,

@@ -56,8 +56,8 @@ def test_a_photo_shows_the_colors_of_the_scan_where_its_pose_projects_the_points
 def test_the_blur_of_a_photo_does_not_reach_around_to_the_other_side() -> None:
     halves = np.zeros((8, 64, 3), np.uint8)
     halves[:, 32:] = 255
-    photo = looked(halves, PHOTO, 1, "edge")
-    around = looked(halves, PHOTO, 1, "wrap")
+    photo = looked(halves, PHOTO, (1,), "edge")
+    around = looked(halves, PHOTO, (1,), "wrap")
     assert int(photo[:, 0].mean()) < int(around[:, 0].mean())
 
 
