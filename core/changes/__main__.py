@@ -29,7 +29,7 @@ from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.image.reader import read_image
 from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud, point_spacing
 from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import read_points_of_map
 
 _PHOTO_ROWS = 512  # of an image on the sphere, as of the small photos that answers keep
 
@@ -37,7 +37,7 @@ _PHOTO_ROWS = 512  # of an image on the sphere, as of the small photos that answ
 def main(arguments: Sequence[str]) -> int:
     """Answer one question and return the exit code."""
     question = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
-    cloud = read_scan(Path(question["points"]))
+    cloud = read_points_of_map(Path(question["points"]))
     photos = [photo_of(each) for each in question["photos"]]
     found = find_changes(cloud, photos)
     points, colors = torch.from_numpy(cloud.positions), torch.from_numpy(cloud.colors).float() / 255

@@ -11,9 +11,8 @@ from PIL import Image, ImageOps
 from panoloc.core.exports.frames import cam_from_world, quaternion_wxyz
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, plain, text_file
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.options import ScanOptions
 from panoloc.core.scan.file_names import distinct_names
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import read_points_of_map
 
 FACES: tuple[str, ...] = ("front", "right", "back", "left", "up", "down")
 _DECIMALS = 15  # positions are multiplied by rotations: in national grids nine would lose millimetres
@@ -163,7 +162,7 @@ def _points_of(scan: Path | None) -> list[str]:
     """Return the lines of the points of a map, thinned to what a text file can bear; none without a scan."""
     if scan is None:
         return []
-    cloud = read_scan(scan, ScanOptions(unit="m", up_axis="z", max_points_used=_MAX_POINTS))
+    cloud = read_points_of_map(scan, _MAX_POINTS)
     positions = cloud.positions.astype(np.float64) + cloud.origin_offset
     return [
         f"{number} {' '.join(plain(value, 6) for value in position)} {' '.join(map(str, color))} 0"

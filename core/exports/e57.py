@@ -14,7 +14,7 @@ from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports.frames import quaternion_wxyz
 from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, why_not_as_named
 from panoloc.core.options import ScanOptions
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import read_points_of_map
 
 _BLOBS = {".jpg": "jpegImage", ".jpeg": "jpegImage", ".png": "pngImage"}
 _AXES = ("cartesianX", "cartesianY", "cartesianZ")
@@ -96,7 +96,7 @@ def _new_file(path: Path, coordinate_metadata: str) -> Any:
 
 
 def _add_points(file: Any, scan: Path) -> None:
-    cloud = read_scan(scan, ScanOptions(unit="m", up_axis="z", max_points_used=ScanOptions.max_points))
+    cloud = read_points_of_map(scan, ScanOptions.max_points)
     positions = cloud.positions.astype(np.float64) + cloud.origin_offset
     # The scan's own pose takes the large coordinates, because points are written in single precision.
     shift = np.floor(positions.min(axis=0))

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from panoloc.core.exports.tour import PlacedPhoto, Tour
-from panoloc.core.options import ScanOptions
 from panoloc.core.scan.from_above import EMPTY, Area, draw_from_above
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import read_points_of_map
 
 Array = NDArray[np.float64]
 
@@ -74,7 +73,7 @@ def points_of(tour: Tour) -> Points:
     """Return the points of the map, none without a scan."""
     if tour.scan is None:
         return Points(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
-    cloud = read_scan(tour.scan, ScanOptions())
+    cloud = read_points_of_map(tour.scan)
     return Points(cloud.positions.astype(np.float64) + cloud.origin_offset, cloud.colors)
 
 

@@ -22,9 +22,9 @@ from panoloc.core.errors import CoreError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.conversion import converted
 from panoloc.core.image.image_header import CONVERTED_KINDS, IMAGE, image_kind
-from panoloc.core.options import MAX_PIXELS, ScanOptions
+from panoloc.core.options import MAX_PIXELS
 from panoloc.core.scan.from_above import Area, SeenFromAbove, draw_from_above
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import read_points_of_map
 
 PhotoStatus = Literal["localized", "ambiguous", "not_localized", "failed", "waiting"]
 Color = tuple[int, int, int]
@@ -153,7 +153,7 @@ def draw_plan(placement: Placement) -> NDArray[np.uint8]:
 def _scan(placement: Placement, places: NDArray[np.float64]) -> SeenFromAbove:
     positions, colors = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     if placement.scan is not None:
-        cloud = read_scan(placement.scan, ScanOptions(unit="m", up_axis="z"))
+        cloud = read_points_of_map(placement.scan)
         positions, colors = cloud.positions.astype(np.float64) + cloud.origin_offset, cloud.colors
     corners = [np.quantile(positions, share, axis=0) for share in (_EDGES, 1 - _EDGES)] if len(positions) else []
     if len(places):

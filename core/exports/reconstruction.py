@@ -18,7 +18,7 @@ from panoloc.core.geometry.pose import Pose, quaternion_of
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan.file_names import distinct_names
 from panoloc.core.scan.ply.writer import encode_ply
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import read_points_of_map
 
 _POINTS = "points.ply"
 
@@ -110,7 +110,7 @@ def write_nerfstudio(tour: Tour) -> Iterator[ExportedFile]:
 
 
 def _moved(scan: Path, offset: NDArray[np.float64]) -> bytes:
-    cloud = read_scan(scan, ScanOptions(unit="m", up_axis="z", max_points_used=ScanOptions.max_points))
+    cloud = read_points_of_map(scan, ScanOptions.max_points)
     positions = cloud.positions.astype(np.float64) + (cloud.origin_offset - offset)
     return encode_ply(replace(cloud, positions=positions.astype(np.float32), origin_offset=np.zeros(3)))
 

@@ -14,8 +14,7 @@ from panoloc.core.exports.frames import photo_angles
 from panoloc.core.exports.links import links_of
 from panoloc.core.exports.tour import TIME_DECIMALS, ExportedFile, PlacedPhoto, Tour, json_file, plain, text_file
 from panoloc.core.exports.web_pages import pannellum_page, potree_page, psv_page
-from panoloc.core.options import ScanOptions
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import read_points_of_map
 
 _POTREE_COLUMNS = ("filename", "time", "long", "lat", "alt", "course", "pitch", "roll")
 _ON_ITS_SIDE = 1e-9  # radians; nearer to a roll of 90 degrees than that the other two angles are one turn
@@ -127,7 +126,7 @@ def _horizon(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
 def _links(tour: Tour) -> list[list[int]]:
     if tour.scan is None:
         return links_of(tour.positions, np.zeros((0, 3)))
-    cloud = read_scan(tour.scan, ScanOptions(unit="m", up_axis="z"))
+    cloud = read_points_of_map(tour.scan)
     return links_of(tour.positions, cloud.positions.astype(np.float64) + cloud.origin_offset)
 
 

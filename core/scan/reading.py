@@ -89,6 +89,11 @@ def read_scan(
         return _read_together(scans, folder, path, options, report)
 
 
+def read_points_of_map(path: Path, max_points_used: int = ScanOptions.max_points_used) -> PointCloud:
+    """Read the points that the service keeps of a map: in metres, z up. To guess that again would shrink a hall as if it was in feet."""
+    return read_scan(path, ScanOptions(unit="m", up_axis="z", max_points_used=max_points_used))
+
+
 def iter_chunks(name: str, context: ReadingContext) -> Iterator[RawChunk]:
     """Yield the raw points of a scan of the format `name`."""
     # A PLY that came with other files may have textures.

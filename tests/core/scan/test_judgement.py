@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,13 @@ import pytest
 from laspy.vlrs.known import WktCoordinateSystemVlr
 from pyproj import CRS
 
+from panoloc.core.exports.floor_plan import points_of
+from panoloc.core.exports.tour import Tour
 from panoloc.core.options import METRES_PER_UNIT, Unit, UpAxis
 from panoloc.core.scan.frame import ScanFrame
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import Diagnostic, PointCloud
+from panoloc.core.scan.reading import read_points_of_map, read_scan
 from panoloc.lab.rooms import SceneSpec, build_scene, scan_scene
 from tests.core.scan.scan_files import las_of, read
 
@@ -120,3 +124,13 @@ def test_a_place_without_rooms_is_taken_in_metres_and_asked_about() -> None:
     assert asked.question is not None
     sides = {choice["patch"]["unit"]: choice["extent_m"][0] for choice in asked.question["choices"]}
     assert sides["ft"] == pytest.approx(0.3048 * sides["m"], abs=0.002)
+
+
+def test_the_points_of_a_map_are_not_judged_again(tmp_path: Path) -> None:
+    hall = replace(room(), positions=room().positions / np.float32(METRES_PER_UNIT["ft"]))
+    path = tmp_path / "points.ply"
+    path.write_bytes(encode_ply(hall))
+    assert_found(read_scan(path), room())  # as large as that, it seems to be in feet
+    assert_found(read_points_of_map(path), hall)
+    drawn = points_of(Tour("map_1", (), scan=path)).positions
+    np.testing.assert_allclose(drawn, hall.positions, atol=1e-3)
