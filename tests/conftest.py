@@ -1,6 +1,9 @@
 """In which order the files begin where several processes share the tests, which stay together, and which coverage watches."""
 
 import gc
+import os
+import shutil
+import tempfile
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import Any
@@ -20,14 +23,23 @@ WATCHED_THOUGH_SLOW = ("tests/core/changes/", "tests/core/paper/", "tests/core/s
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Stop what pytest-cov starts too early.
+    """Stop what pytest-cov starts too early, and give processes that share the tests a folder for maps.
 
     Where several processes share the tests, it starts in each as if that were alone, and then once more. To pause the second would wake the
     first. The process that hands the tests out runs none, and need not be watched.
     """
+    shares = not hasattr(session.config, "workerinput") and session.config.getoption("numprocesses", None)
     coverage = _coverage(session.config)
-    if coverage and (hasattr(session.config, "workerinput") or session.config.getoption("numprocesses", None)):
+    if coverage and (hasattr(session.config, "workerinput") or shares):
         coverage.pause()
+    if shares:
+        os.environ["MAPS_OF_TESTS"] = tempfile.mkdtemp()
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Remove the maps that processes had in common (tests/core/built_maps.py)."""
+    if not hasattr(session.config, "workerinput") and (folder := os.environ.pop("MAPS_OF_TESTS", None)):
+        shutil.rmtree(folder)
 
 
 @pytest.hookimpl(wrapper=True)
