@@ -52,7 +52,7 @@ def test_the_types_hold() -> None:
 def test_the_unit_tests_pass() -> None:
     files = sorted(str(path.relative_to(PACKAGE)) for path in (PACKAGE / "tests").glob("*.test.ts"))
     assert files
-    node("--test", *files)
+    node("--test", "--test-isolation=none", *files)
 
 
 def test_all_of_it_is_small(tmp_path: Path) -> None:
