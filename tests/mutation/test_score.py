@@ -74,17 +74,29 @@ def test_every_mutated_file_has_tests_that_concern_it(score: ModuleType) -> None
         assert all((ROOT / test).exists() for file in files for test in score.concerning_tests(file))
 
 
+NOTICES = """
+import os
+from panoloc.lab.process_memory import proportional_bytes
+
+
+def test_a_process_takes_memory() -> None:
+    assert proportional_bytes(os.getpid()) > 0
+"""
 PROGRAM = """
+import sys
 from tests.mutation.score import Mutant, outcome
 source = open("lab/process_memory.py").read()
 changes = {"none": "", "fault": "proportional_bytes = lambda pid: 0", "for ever": "while True: pass"}
 for name, change in changes.items():
     mutant = Mutant("lab/process_memory.py", 1, name, source + change)
-    print(name, outcome(["tests/lab/test_process_memory.py"], mutant, 60.0 if name != "for ever" else 0.5), sep=": ")
+    print(name, outcome([sys.argv[1]], mutant, 60.0 if name != "for ever" else 0.5), sep=": ")
 """
 
 
 @pytest.mark.slow
 def test_tests_see_the_changed_file_and_one_that_runs_for_ever_is_ended(tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, cwd=ROOT, timeout=280)
+    test = tmp_path / "test_memory.py"  # away from the tests here, whose fixtures take long to load
+    test.write_text(NOTICES)
+    command = [sys.executable, "-c", PROGRAM, str(test)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=280)
     assert done.stdout.splitlines() == ["none: lives", "fault: noticed", "for ever: timed out"], done.stderr
