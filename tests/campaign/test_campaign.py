@@ -28,7 +28,8 @@ def test_damaged_scans_images_and_requests_break_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_no_scan_with_mixed_up_units_or_axes_is_silently_wrong() -> None:
+def test_no_scan_with_mixed_up_units_or_axes_is_silently_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.campaign.intake._POINTS", 15_000)
     outcome = intake(2, 96)  # in millimetres, with -y and -z up
     assert (outcome.faults, outcome.figures["right"]) == ([], "2")
     heights_in_feet = drawn(92_003)
