@@ -87,8 +87,13 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 def png(width: int, height: int, bit_depth: int, color_type: int, rows: bytes) -> bytes:
     """Return a PNG from its raw rows, each with a leading filter byte."""
+    return png_of_packed(width, height, bit_depth, color_type, zlib.compress(rows))
+
+
+def png_of_packed(width: int, height: int, bit_depth: int, color_type: int, packed: bytes) -> bytes:
+    """Return a PNG from its packed rows."""
     header = struct.pack(">IIBBBBB", width, height, bit_depth, color_type, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + _chunk(b"IDAT", zlib.compress(rows)) + _chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
 
 
 def png_bomb(width: int, height: int) -> bytes:
