@@ -16,6 +16,7 @@ from panoloc.core.options import Hints, IndexOptions
 from tests.core.built_maps import (
     AS_LABELS,
     BOX,
+    COARSE,
     LABELLED,
     OTHER_BOX,
     POSE,
@@ -86,7 +87,7 @@ def test_registration_gives_the_same_bytes_twice() -> None:
 @pytest.mark.slow
 def test_a_scan_of_few_points_gives_a_pose_that_is_within_what_is_said_of_it() -> None:
     box, pose = PaintedBox(seed=3, size_m=(3.2, 3.0, 2.4)), Pose(rotation_of(20.0, 3.0), np.array([1.4, 1.8, 1.3]))
-    found = localized(box.panorama(pose), build_map_index(box.scan(6_000)))
+    found = localized(box.panorama(pose), build_map_index(box.scan(6_000), COARSE))
     assert found.status == "localized"
     assert_found(found, pose, 0.05, 1.0)
     error = pose_error(best_of(found).pose, pose)
@@ -232,7 +233,7 @@ def test_a_hint_decides_between_the_sides_of_a_symmetric_room() -> None:
 @pytest.mark.slow
 def test_a_scan_with_survey_coordinates_gives_poses_in_survey_coordinates() -> None:
     offset = np.array([4_500_000.25, 5_400_000.5, 312.125])
-    index = build_map_index(BOX.scan(origin_offset=offset), IndexOptions(spacing_m=0.8))
+    index = build_map_index(BOX.scan(origin_offset=offset), IndexOptions(spacing_m=1.5))
     near = tuple((offset + np.array([1.9, 2.2, 1.4])).tolist())
     found = localized(panorama(), index, hints=Hints(position_m=near, radius_m=0.7))
     assert_found(found, Pose(POSE.rotation, POSE.position + offset))

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.rig import Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Rig, RigImage
 from panoloc.core.decide import pictures
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import IndexOptions
+from panoloc.core.results import Localization
 from panoloc.lab import rooms
 from tests.core.built_maps import localized
 from tests.core.found_pose import assert_found, known
@@ -37,12 +38,18 @@ def pose_in(scene: rooms.Scene, seed: int, held: str = "any") -> Pose:
     return rooms.sample_pose(scene, np.random.default_rng(seed), held)  # type: ignore[arg-type]
 
 
+@cache
+def answer_from(seed: int) -> tuple[Panorama, Localization]:
+    """Return what is seen from a place in the room as scanned, and the answer to it."""
+    seen = rooms.take_panorama(ROOM, pose_in(ROOM, seed), WIDTH)
+    return seen, localized(seen, room_index())
+
+
 @pytest.mark.parametrize("seed", [5, 8])
 def test_a_room_as_scanned_is_found_from_any_place_in_any_rotation(seed: int) -> None:
-    pose = pose_in(ROOM, seed)
-    found = localized(rooms.take_panorama(ROOM, pose, WIDTH), room_index())
+    _, found = answer_from(seed)
     assert found.status == "localized"
-    assert_found(found, pose)
+    assert_found(found, pose_in(ROOM, seed))
 
 
 @pytest.mark.parametrize("seed", [5, 8])
@@ -62,7 +69,7 @@ def test_a_room_scanned_from_one_place_alone_is_enough_also_with_starts_in_a_gri
     options = IndexOptions(starts_method="grid", spacing_m=0.6, region=(low, high))
     index = build_map_index(rooms.scan_scene(ROOM, num_stations=1, num_points=60_000), options)
     assert index.num_starts <= 27
-    assert_found(localized(rooms.take_panorama(ROOM, pose, WIDTH), index), pose)
+    assert_found(localized(answer_from(5)[0], index), pose)
 
 
 def test_the_2d_score_map_is_low_where_things_changed() -> None:
@@ -85,8 +92,7 @@ def test_the_2d_score_map_is_low_where_things_changed() -> None:
 
 
 def test_the_pictures_of_an_answer_show_the_place() -> None:
-    panorama = rooms.take_panorama(ROOM, pose_in(ROOM, 5), WIDTH)
-    found = localized(panorama, room_index())
+    panorama, found = answer_from(5)
     view = pictures.view_scan(room_index(), found)
     overlay = pictures.draw_overlay(panorama, view)
     others = (

@@ -55,11 +55,11 @@ def among(boxes: Boxes, query: Panorama, first: int, most_maps: int) -> Localiza
 
 @pytest.mark.slow
 def test_only_the_likeliest_map_is_loaded_where_it_is_the_right_one() -> None:
-    boxes = Boxes(OTHER_BOX, SYMMETRIC, UNKNOWN, BOX)
+    boxes = Boxes(OTHER_BOX, SYMMETRIC, BOX)
     found = among(boxes, panorama(), 1, 3)
-    assert boxes.asked == [3]
-    assert best_of(found).map_position == 3
-    assert found.search.num_maps == 4
+    assert boxes.asked == [2]
+    assert best_of(found).map_position == 2
+    assert found.search.num_maps == 3
     assert {"retrieval", "load", "search"} <= set(found.timings_s)
     assert_found(found, POSE)
 
@@ -75,11 +75,11 @@ def test_maps_that_others_have_found_to_be_the_likeliest_are_searched_in_their_o
 
 @pytest.mark.slow
 def test_scores_do_not_depend_on_which_other_maps_are_scored_beside() -> None:
-    vectors = Boxes(OTHER_BOX, SYMMETRIC, UNKNOWN, BOX).vectors()
+    vectors = Boxes(OTHER_BOX, SYMMETRIC, BOX).vectors()
     together = scores_among(with_limits(1, 3), rig_of(panorama()), vectors, None)
     alone = [scores_among(with_limits(1, 3), rig_of(panorama()), [one], None)[0] for one in vectors]
     assert together == pytest.approx(alone, rel=0.01)
-    assert max(range(4), key=together.__getitem__) == 3
+    assert max(range(3), key=together.__getitem__) == 2
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_what_may_be_in_another_map_is_the_less_sure() -> None:
 @pytest.mark.slow
 def test_one_photo_among_many_maps_is_not_sure() -> None:
     photo = Rig.of_photo(photo_of(SIDEWAYS))
-    boxes = Boxes(BOX, OTHER_BOX, UNKNOWN, BOX, BOX)
+    boxes = Boxes(BOX, OTHER_BOX, SYMMETRIC, BOX, BOX)
     # Both of two maps are the right one, and three times as many were not looked at.
     found = localize_among(with_limits(1, 2), photo, boxes)
     assert len(boxes.asked) == 2
@@ -146,14 +146,14 @@ class Scripted(Localizer):
     ],
 )
 def test_of_two_answers_the_better_one_counts(answers: list[tuple[float, int]], confidence: float, number: int) -> None:
-    found = localize_among(Scripted(*answers), rig_of(panorama()), Boxes(OTHER_BOX, UNKNOWN, BOX))
+    found = localize_among(Scripted(*answers), rig_of(panorama()), Boxes(OTHER_BOX, SYMMETRIC, BOX))
     assert (best_of(found).confidence, best_of(found).map_position) == (confidence, number)
     assert found.timings_s["search"] == 0.5 * len(answers)
 
 
 @pytest.mark.slow
 def test_a_place_registered_twice_is_ambiguous_among_many_maps() -> None:
-    boxes = Boxes(BOX, OTHER_BOX, UNKNOWN, BOX, OTHER_BOX)
+    boxes = Boxes(BOX, OTHER_BOX, SYMMETRIC, BOX, OTHER_BOX)
     found = among(boxes, panorama(), 2, 4)
     assert found.status == "ambiguous"
     assert set(boxes.asked) == {0, 3}

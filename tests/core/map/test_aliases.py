@@ -17,7 +17,7 @@ from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.point_cloud import PointCloud
-from tests.core.built_maps import BOX, OTHER_BOX, SYMMETRIC, map_of
+from tests.core.built_maps import BOX, COARSE, OTHER_BOX, SYMMETRIC, map_of
 from tests.core.painted_box import PaintedBox, rotation_of
 
 pytestmark = pytest.mark.slow
@@ -111,11 +111,13 @@ def test_no_place_is_an_alias_of_itself_and_those_of_a_start_are_different_place
                     assert far or between >= DISTANCES.elsewhere.angle_deg - 0.1
 
 
-@pytest.mark.parametrize(("box", "spacing_m"), [(OTHER_BOX, 0.5), (BOX, 0.8), (OTHER_BOX, 1.2), (BOX, 2.0)])
+@pytest.mark.parametrize(
+    ("box", "options"), [(OTHER_BOX, IndexOptions()), (BOX, COARSE), (BOX, IndexOptions(spacing_m=2.0))]
+)
 def test_hardly_any_start_of_a_single_room_has_one_however_far_apart_starts_are(
-    box: PaintedBox, spacing_m: float
+    box: PaintedBox, options: IndexOptions
 ) -> None:
-    index = build_map_index(box.scan(12_000), IndexOptions(spacing_m=spacing_m))
+    index = map_of(box, options)
     assert float((index.aliases.starts[:, 0] >= 0).float().mean()) < 0.06
 
 

@@ -48,14 +48,14 @@ def test_registration_stops_when_its_progress_says_so() -> None:
             raise WithdrawnError("withdrawn")
 
     with pytest.raises(WithdrawnError):
-        build_map_index(BOX.scan(3000), progress=cancel)
+        build_map_index(BOX.scan(3000), IndexOptions(spacing_m=2.0), progress=cancel)
 
 
 @pytest.mark.slow
 def test_a_region_of_starts_is_given_in_the_scans_own_frame() -> None:
     offset = np.array([1000.0, 2000.0, 30.0])
     low, high = offset + np.array([1, 1, 0.8]), offset + np.array([3, 2.5, 1.9])
-    options = IndexOptions(region=(tuple(low.tolist()), tuple(high.tolist())))
+    options = IndexOptions(region=(tuple(low.tolist()), tuple(high.tolist())), spacing_m=0.9)
     index = build_map_index(BOX.scan(6000, origin_offset=offset), options)
     assert (index.start_positions >= low - 1e-4).all()
     assert (index.start_positions <= high + 1e-4).all()

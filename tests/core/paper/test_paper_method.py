@@ -14,9 +14,8 @@ from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import IndexOptions
 from panoloc.core.results import Localization
-from tests.core.built_maps import BOX, POSE
+from tests.core.built_maps import BOX, COARSE, POSE
 from tests.core.found_pose import assert_found, best_of
 
 pytestmark = pytest.mark.slow
@@ -25,7 +24,7 @@ SMALL = {"num_starts": 12, "num_rotations": 24, "iterations": 5, "view_height": 
 
 @cache
 def tiny_index() -> MapIndex:
-    return build_map_index(BOX.scan(4000), IndexOptions(spacing_m=0.8))
+    return build_map_index(BOX.scan(4000), COARSE)
 
 
 def answer_with(timeout_s: float | None = None, **config: Any) -> Localization:

@@ -271,7 +271,7 @@ def test_the_images_of_a_session_say_it_too() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("bounds_deg", [(70.0, 96.0), (80.0, 90.0)])
 def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(bounds_deg: tuple[float, float]) -> None:
-    found = localized(of_unknown_field_of_view(bounds_deg), map_of(BOX))
+    found = localized(of_unknown_field_of_view(bounds_deg))
     assert found.status == "localized"
     (camera,) = found.found_cameras
     assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)

@@ -6,6 +6,7 @@ import pytest
 
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.options import IndexOptions
 from panoloc.core.query.refinement import Refinement
 from tests.core.built_maps import BOX, POSE, panorama, rig_of, tensors_of
 from tests.core.search.found_candidates import CONFIG, query_of
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_where_a_scan_has_few_points_these_are_what_is_aligned_and_not_the_gaps_between_them() -> None:
-    index = build_map_index(BOX.scan(1500))
+    index = build_map_index(BOX.scan(1500), IndexOptions(spacing_m=2.0))
     rotation, position = tensors_of(POSE)
 
     def share_seen(least_filled: float) -> float:

@@ -22,10 +22,10 @@ from panoloc.core.map.retrieval_vectors import (
 from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.search.retrieval import scores_of_maps
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, OTHER_BOX, POSE, map_of, rig_of
-from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.painted_box import rotation_of
 
 CONFIG = LocalizerConfig()
-BOXES = (OTHER_BOX, BOX, PaintedBox(seed=8))
+BOXES = (OTHER_BOX, BOX)
 
 
 def scores(pose: Pose, *maps: RetrievalVectors, max_tilt: float | None = None, by_lines: bool = True) -> list[float]:
