@@ -1,4 +1,4 @@
-// Scores of poses by what is inside of squares of pixels: what panoloc.core.search.pixel_scores, every_pose and position_sweep say in tensors.
+// Scores of poses by what is inside of squares of pixels: what panoloc.core.search.pixel_scores and position_sweep say in tensors.
 // And which of many poses are different ones.
 
 #include <type_traits>
