@@ -78,14 +78,8 @@ class Localizer:
                 answer = self._for_rig(answer, cameras.rig, result.comparison)
             answer = self._doubts.unless_plain(answer, result.edges_deg)
             answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
-            is_left_out = result.hypotheses and not result.num_starts
-            if (
-                answer.status != "not_localized"
-                or not is_left_out
-                or not hints
-                or not hints.prior
-                or hints.prior.is_only
-            ):
+            is_searched = result.num_starts or not result.hypotheses
+            if answer.status != "not_localized" or is_searched or not hints or not hints.prior or hints.prior.is_only:
                 return with_advice(answer, rig, hints)
             # What speaks against it came up when the search had been left out.
             hints = replace(hints, prior=None)

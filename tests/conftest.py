@@ -1,4 +1,4 @@
-"""In which order the files begin where several processes share the tests, which stay together, and which coverage watches."""
+"""What processes that share the tests have in common, in which order files begin, which stay together, and which coverage watches."""
 
 import gc
 import os
