@@ -11,7 +11,8 @@ from typing import Protocol
 
 import torch
 
-from panoloc.core.camera.rig import Rig
+from panoloc.core.camera.rig import Panorama, Rig
+from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.photo_window import shown_share
 from panoloc.core.localizer import Localizer
 from panoloc.core.map.map_index import MapIndex
@@ -19,6 +20,7 @@ from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vecto
 from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints, Method
 from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.remarks import Remark
+from panoloc.core.render.synthetic_view import render_views
 from panoloc.core.results import Localization
 from panoloc.core.search.retrieval import scores_of_maps
 
@@ -76,7 +78,7 @@ def localize_among(
     `Localizer.localize`; what `maps` raises is passed on.
     """
     search = localizer.config.search
-    began, few, most = time.monotonic(), max(1, search.num_candidates // 4), search.most_maps
+    began, few, most = time.monotonic(), search.first_maps, search.most_maps
     ranked, portions, timings_s = list(range(len(maps))), [len(maps)], defaultdict[str, float](float)
     total, is_telling = num_maps or len(maps), True
     # To look for the likeliest takes as long as to search as many again.
@@ -85,37 +87,56 @@ def localize_among(
             scores = torch.tensor(scores_among(localizer, rig, maps.vectors(), hints))
             ranked = scores.argsort(descending=True, stable=True).tolist()
             timings_s["retrieval"] += time.monotonic() - began
-        is_telling = shown_share(rig) >= localizer.config.search.narrow_share
-        portions = [few, most] if is_telling else [most]
-    found: Localization | None = None
-    for first, last in pairwise([0, *portions]):
-        if found is not None and _is_sure(found, localizer.config.judge.sure):
-            break
-        # What is found in other maps has to be better than what was.
-        numbers = [*ranked[first:last], *(() if found is None else _places(found))]
+        is_telling, portions = shown_share(rig) >= search.narrow_share, [few, most]
+
+    def searched(numbers: Sequence[int], likeliest: int) -> Localization:
+        """Return the answer among some of the maps, which are the likeliest so many, or look like one of these."""
         loading = time.monotonic()
         indexes = maps.indexes(numbers)
         timings_s["load"] += time.monotonic() - loading
-        remaining_s = None if timeout_s is None else timeout_s - (time.monotonic() - began)
-        # As often as the map of one photo was among the 64 likeliest of 100 and of 1,000 (docs/scale.md).
-        prior = 1.0 if is_telling else min(1.0, math.sqrt(most / total))
         answer = localizer.localize(
             rig,
             indexes,
             method=method,
             hints=hints,
             top_k=top_k,
-            timeout_s=remaining_s,
-            prior=prior,
+            timeout_s=None if timeout_s is None else timeout_s - (time.monotonic() - began),
+            # About as often as the map of one photo was among the 8 and the 64 likeliest of 180, 720 and 1,000 (docs/scale.md).
+            prior=1.0 if is_telling else min(1.0, (likeliest / total) ** (1 / 6)),
             is_cancelled=is_cancelled,
         )
         for stage, seconds in answer.timings_s.items():
             timings_s[stage] += seconds
-        found = _better(found, _numbered(answer, numbers, total))
+        return _numbered(answer, numbers, total)
+
+    found: Localization | None = None
+    for first, last in pairwise([0, *portions]):
+        if found is not None and _is_sure(found, localizer.config.judge.sure):
+            break
+        # What is found in other maps has to be better than what was.
+        known = () if found is None else _places(found)
+        found = _better(found, searched([*ranked[first:last], *known], last))
     assert found is not None, "there is at least one map"
+    if found.best is not None and found.status == "localized" and num_maps is None and last < total:
+        began_view, number = time.monotonic(), found.best.map_position
+        (own,) = maps.indexes([number])
+        view = view_from(own, found.best.pose, 2 * localizer.config.descriptors.view_height)
+        scores_of_view = scores_among(localizer, view, maps.vectors(), None)
+        timings_s["retrieval"] += time.monotonic() - began_view
+        others = [each for each in search.look_alikes(scores_of_view, number) if each not in ranked[:last]]
+        if others:
+            found = _better(found, searched([number, *others], last))
     if found.status == "not_localized" and total > portions[-1]:
         found = found.warned(_left_out(portions[-1], total))
     return replace(found, timings_s=dict(timings_s))
+
+
+def view_from(index: MapIndex, pose: Pose, rows: int) -> Rig:
+    """Return what a map shows all around a pose, as a panorama of so many rows."""
+    position = torch.from_numpy(pose.position - index.origin_offset).to(index.positions)
+    view = render_views(index.render_cloud, position[None], rows, with_points=False)
+    color = (255 * view.color[0]).round().byte().cpu().numpy()
+    return Rig.of_panorama(Panorama(color, view.valid[0].cpu().numpy()))
 
 
 def scores_among(localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors], hints: Hints | None) -> list[float]:
@@ -126,7 +147,7 @@ def scores_among(localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors
         contrast = prepared.lines.contrast(config.search.line_rotations)
         lines = prepared.lines if contrast >= config.lines.least_contrast else None
         tilt = _most_tilt(rig, hints, prepared.is_wide, config.search.level_tilt_deg)
-        return scores_of_maps(prepared.described, lines, maps, tilt, config.search).tolist()
+        return scores_of_maps(prepared.described, lines, maps, tilt, prepared.is_wide, config.search).tolist()
 
 
 def _most_tilt(rig: Rig, hints: Hints | None, is_wide: bool, level_tilt_deg: float) -> float | None:

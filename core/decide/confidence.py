@@ -61,8 +61,8 @@ def radius_signs(
 
 @dataclass(frozen=True)
 class ConfidenceModel:
-    """Logistic coefficients by feature, how much scores tell between aliases, the threshold for `localized`, and the error radii of
-    position (m) and orientation (degrees)."""
+    """Logistic coefficients by feature, how much scores tell between aliases, the threshold for `localized`, the error radii of position
+    (m) and orientation (degrees), and the share of the poses that it was fitted to which were right."""
 
     intercept: float
     coefficients: Mapping[str, float]
@@ -70,6 +70,7 @@ class ConfidenceModel:
     threshold: float
     position_radius: RadiusModel
     orientation_radius: RadiusModel
+    share_right: float
 
     def probability(self, features: Mapping[str, float]) -> float:
         """Return the probability, 0..1, for the features named in `FEATURES`."""
@@ -83,6 +84,13 @@ class ConfidenceModel:
         """
         odds = sum(math.exp(-self.alias_power * margin) for margin in alias_margins(best, rivals))
         return self.probability(features_of(best, rivals)) / (1 + odds + best.measures.get("focal_odds", 0.0))
+
+    def among(self, confidence: float, prior: float) -> float:
+        """Return a confidence where the right place is in one of the maps that were searched with probability `prior` alone: before
+        anything is known of a pose it is then right more rarely, and its odds change by that (Bayes)."""
+        before = prior * self.share_right
+        odds = before / (1 - before) * (1 - self.share_right) / self.share_right
+        return confidence * odds / (1 - confidence + confidence * odds)
 
     def accuracy(self, hypothesis: Hypothesis, noise: Accuracy = NO_NOISE) -> Accuracy:
         """Return the radii of a pose. noise: what adds to the errors of the pose itself."""
@@ -107,6 +115,7 @@ def load_confidence_model() -> ConfidenceModel:
         data["threshold"],
         RadiusModel(**data["position_radius"]),
         RadiusModel(**data["orientation_radius"]),
+        data["fitted_on"]["right"] / data["fitted_on"]["rows"],
     )
 
 

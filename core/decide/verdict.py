@@ -86,7 +86,7 @@ def verdict(
     def confidence_against(some: Sequence[Hypothesis]) -> float:
         """Return how sure the best is if these were its only rivals."""
         most = model.threshold / 2 if best.beyond_limits else accuracy.share_right
-        return prior * min(model.confidence(best, some), most)
+        return model.among(min(model.confidence(best, some), most), prior)
 
     alone, against_all = confidence_against([]), confidence_against(rivals)
     if against_all < model.threshold <= alone:

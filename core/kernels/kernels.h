@@ -38,6 +38,16 @@ inline float angle_of(float y, float x) {
     return y < 0 ? -angle : angle;
 }
 
+// The number of the pixel of a sphere that shows a direction.
+inline int32_t pixel_towards(float x, float y, float z, int32_t rows) {
+    const float per_rad = float(rows) / PI, turn = float(2 * rows);
+    float u = (PI - angle_of(y, x)) * per_rad;
+    const float v = (PI / 2 - angle_of(z, std::sqrt(x * x + y * y))) * per_rad;
+    u = u >= turn ? u - turn : u;
+    const int32_t column = std::min(2 * rows - 1, std::max(0, int32_t(u))), row = std::min(rows - 1, std::max(0, int32_t(v)));
+    return row * 2 * rows + column;
+}
+
 // log2 of a positive normal number, a polynomial fitted at Chebyshev nodes: off by less than 1e-5.
 inline float log2_of(float value) {
     uint32_t bits;

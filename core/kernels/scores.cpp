@@ -12,16 +12,6 @@ constexpr int LANES = 16;  // starts that are scored together
 constexpr float NEAREST_M = 0.1f;
 using Lanes = float __attribute__((vector_size(4 * LANES)));
 
-// The number of the pixel of a sphere that shows a direction.
-inline int32_t pixel_towards(float x, float y, float z, int32_t rows) {
-    const float per_rad = float(rows) / PI, turn = float(2 * rows);
-    float u = (PI - angle_of(y, x)) * per_rad;
-    const float v = (PI / 2 - angle_of(z, std::sqrt(x * x + y * y))) * per_rad;
-    u = u >= turn ? u - turn : u;
-    const int32_t column = std::min(2 * rows - 1, std::max(0, int32_t(u))), row = std::min(rows - 1, std::max(0, int32_t(v)));
-    return row * 2 * rows + column;
-}
-
 // Chosen without a branch, so that loops become loops over vectors.
 inline float larger(float a, float b) { return a > b ? a : b; }
 

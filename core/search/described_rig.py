@@ -91,6 +91,13 @@ class DescribedRig:
         """Return the pixels at twice that resolution."""
         return self._pixels(2 * self._config.picture_height)
 
+    @property
+    def large_pixels(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Return directions (S, 3), colours (S, 3) as taken, and solid angles (S,) of pixels as large as patches."""
+        windows = self._pyramid.windows(self._config.patch_rows)
+        valid = windows.weights > 0
+        return windows.rig_directions[valid], windows.color[:, valid].T, windows.weights[valid]
+
     def _pixels(self, rows: int) -> RigPixels:
         """Return the pixels at `rows` to a sphere, in squares of two patches a side."""
         side = round(rows * 2 * self._config.patch_deg / 180)

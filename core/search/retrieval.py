@@ -1,7 +1,11 @@
-"""Which of many maps a rig may be in: its patches against the retrieval vectors of every start of every map.
+"""Which of many maps a rig may be in: its patches or pixels against the retrieval vectors of every start of every map.
 
 Where the images show enough edges, these tell how the rig is turned against walls, up to the 24 ways in which three axes at right angles
 fit each other. So a start is compared with the rig in a few rotations alone.
+
+Patches tell what covers much of the sphere. What shows less has few of them, and is told by large pixels. Under each rotation their mean
+difference is the light's. What is left of a difference counts up to a limit: furniture that was moved speaks no louder against a place than
+that, nor does what the scan lacks.
 """
 
 import math
@@ -13,12 +17,15 @@ from torch import Tensor
 from panoloc.core.config import SearchConfig
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.patch_descriptors import DescribedPatches
+from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.geometry.rotations import rotations_of, rotations_of_axes, turns_of_axes
 from panoloc.core.kernels.library import call, has_kernels_for
-from panoloc.core.map.retrieval_vectors import HALVINGS, RetrievalVectors, retrieval_basis
+from panoloc.core.map.retrieval_vectors import HALVINGS, ROWS, UNSEEN, RetrievalVectors, levels_of, retrieval_basis
 from panoloc.core.search.described_rig import DescribedRig
 
 _TURNS = 16  # of a quarter; maps whose walls stand alike share their rotations
+_MOST_OFF = 20  # levels that a difference counts for, of 254 from black to white
+_ROTATIONS_AT_ONCE = 64
 
 
 def scores_of_maps(
@@ -26,15 +33,29 @@ def scores_of_maps(
     lines: LineSupport | None,
     maps: Sequence[RetrievalVectors],
     max_tilt: float | None,
+    is_wide: bool,
     config: SearchConfig,
 ) -> Tensor:
     """Return the score (M,) of each map at its best start.
 
-    lines: of the edges of the images; None where these say little. max_tilt: of the rig, radians; None for any.
+    lines: of the edges of the images; None where these say little. max_tilt: of the rig, radians; None for any. is_wide: whether the rig
+    is told by patches.
     """
-    basis = retrieval_basis()[0].to(maps[0].steps.device)
+    rotations = _rotations(lines, str(maps[0].steps.device), max_tilt, config)
+    scores = (_by_patches if is_wide else _by_pixels)(rig, rotations, maps)
+    owner = torch.arange(len(maps), device=scores.device).repeat_interleave(_sizes(maps).to(scores.device))
+    return scores.new_full((len(maps),), -math.inf).scatter_reduce(0, owner, scores, "amax")
+
+
+def _sizes(maps: Sequence[RetrievalVectors]) -> Tensor:
+    """Return how many starts (M,) maps have."""
+    return torch.tensor([len(one) for one in maps])
+
+
+def _by_patches(rig: DescribedRig, rotations: Tensor, maps: Sequence[RetrievalVectors]) -> Tensor:
+    """Return how much (N,) patches agree with each start of all maps, under the best rotation."""
+    basis = retrieval_basis()[0].to(rotations.device)
     patches = rig.patches(basis, HALVINGS)
-    rotations = _rotations(lines, str(basis.device), max_tilt, config)
     quarter = math.pi / 2
     azimuths = [math.atan2(float(one.axes[0, 1]), float(one.axes[0, 0])) for one in maps]
     turns = [round(azimuth / quarter * _TURNS) % _TURNS for azimuth in azimuths]
@@ -47,18 +68,54 @@ def scores_of_maps(
     step = queries.abs().max().clamp_min(1e-9) / most
     queries = (queries / step).round()
     numbers = torch.tensor([known.index(turn) for turn in turns])
-    sizes = torch.tensor([len(one) for one in maps], device=queries.device)
-    # The best product (N,) of each start of all maps with the vectors of the rig.
     if has_kernels_for(queries):
+        sizes = _sizes(maps)
         best, addresses = queries.new_empty(int(sizes.sum())), torch.tensor([one.steps.data_ptr() for one in maps])
         given = addresses, sizes, sizes.cumsum(0) - sizes, numbers, len(maps)
-        call("retrieval_scores", *given, queries.to(torch.int16), *queries.shape[1:], best)
+        call("retrieval_by_patches", *given, queries.to(torch.int16), *queries.shape[1:], best)
     else:
         pairs = zip(maps, numbers.tolist(), strict=True)
         best = torch.cat([(one.steps.to(queries.dtype) @ queries[number].T).amax(1) for one, number in pairs])
-    owner = torch.arange(len(maps), device=best.device).repeat_interleave(sizes)
-    scores = best * torch.cat([one.scale for one in maps]) * step
-    return scores.new_full((len(maps),), -math.inf).scatter_reduce(0, owner, scores, "amax")
+    return best * torch.cat([one.scale for one in maps]) * step
+
+
+def _by_pixels(rig: DescribedRig, rotations: Tensor, maps: Sequence[RetrievalVectors]) -> Tensor:
+    """Return the share (N,) of pixels' levels that agree with each start of all maps, under the best rotation."""
+    directions, colors, solid = rig.large_pixels
+    chosen = _evenly_spread(solid)
+    own, towards = levels_of(colors[chosen]), directions[chosen] @ rotations.mT  # (R, S, 3), in the axes of walls
+    if has_kernels_for(towards):
+        sizes, addresses = _sizes(maps), torch.tensor([one.levels.data_ptr() for one in maps])
+        off = towards.new_empty(int(sizes.sum()))
+        given = addresses, sizes, sizes.cumsum(0) - sizes, torch.stack([one.axes for one in maps]), len(maps), ROWS
+        call("retrieval_by_pixels", *given, own, towards, *towards.shape[:2], _MOST_OFF, off)
+    else:
+        off = torch.cat([_levels_off(own, towards, one) for one in maps])
+    return 1 - off / (own.numel() * _MOST_OFF)
+
+
+def _evenly_spread(solid: Tensor) -> Tensor:
+    """Return the numbers (S,) of pixels that lie evenly spread over what all of them, with solid angles (N,), show: so few that the sum of
+    their differences fits into 16 bits."""
+    count = min(len(solid), torch.iinfo(torch.int16).max // torch.iinfo(torch.uint8).max)
+    ends = solid.cumsum(0) / solid.sum()
+    places = (torch.arange(count, device=solid.device) + 0.5) / count
+    return torch.searchsorted(ends, places).clamp_max(len(solid) - 1)
+
+
+def _levels_off(own: Tensor, towards: Tensor, one: RetrievalVectors) -> Tensor:
+    """Return by how many levels (T,) the starts of a map are off under the best rotation: from levels (S, 3) of pixels that look towards
+    (R, S, 3) in the axes of walls."""
+    at = pixels_towards(towards @ one.axes.to(towards), ROWS)
+    seen = (one.levels[:, :1] != UNSEEN).float()
+    shown, least = one.levels * seen, []
+    for some in torch.split(at, _ROTATIONS_AT_ONCE):
+        known = seen[some]
+        off = shown[some] - own[..., None] * known  # (R, S, 3, T)
+        light = (off.sum(1, keepdim=True) / known.sum(1, keepdim=True).clamp_min(1)).round()
+        agreed = (_MOST_OFF - off.sub_(light).abs_()).clamp_min_(0).mul_(known)
+        least.append(own.numel() * _MOST_OFF - agreed.sum((1, 2)))
+    return torch.cat(least).amin(0)
 
 
 def _rotations(lines: LineSupport | None, device: str, max_tilt: float | None, config: SearchConfig) -> Tensor:

@@ -16,19 +16,23 @@ from panoloc.lab.rooms.capture.scanning import scan_with_truth
 from panoloc.lab.rooms.scenes.generator import SceneKind, SceneSpec, build_scene
 
 _SIZE = 8  # numbers of a patch
+_WHITENING = 0.25  # power of the variance that directions are divided by
 _KINDS: tuple[SceneKind, ...] = ("room", "flat", "bare")
 _FIRST_SEED = 40_000
 _POINTS = 150_000
 
 
 def fit_directions(indexes: Iterable[MapIndex]) -> tuple[Tensor, Tensor]:
-    """Return the directions (B, D) along which the descriptors of maps vary most, and the variance along each (D,)."""
+    """Return the directions (B, D) along which the descriptors of maps vary most, those that vary little longer than they were, and the
+    variance along each (D,)."""
     spreads = []
     for index in indexes:
         described = index.views.descriptors(HALVINGS)
         spreads.append((index.views.basis @ described.spreads.mean(0) @ index.views.basis.T).double())
     values, vectors = torch.linalg.eigh(torch.stack(spreads).mean(0))
-    return vectors[:, -_SIZE:].flip(1).float(), values[-_SIZE:].flip(0).float()
+    directions, variance = vectors[:, -_SIZE:].flip(1).float(), values[-_SIZE:].flip(0).float()
+    whitening = (variance / variance[0]) ** -_WHITENING
+    return directions * whitening, variance * whitening.square()
 
 
 def main() -> None:
@@ -40,7 +44,7 @@ def main() -> None:
     scans = (scan_with_truth(build_scene(spec), num_points=_POINTS, seed=spec.seed) for spec in specs)
     directions, variance = fit_directions(build_map_index(scan.cloud) for scan in scans)
     path = Path(panoloc.core.map.__path__[0], "retrieval_basis.npz")
-    np.savez(path, directions=directions.numpy().astype(np.float16), variance=variance.numpy())
+    np.savez(path, directions=directions.numpy(), variance=variance.numpy())
 
 
 if __name__ == "__main__":

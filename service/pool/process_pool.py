@@ -14,7 +14,17 @@ from panoloc.core.config import SearchConfig
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.service.errors import NoWorkerError
 from panoloc.service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
-from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, PoolState, RegisterJob, RegisterOutcome, at_once
+from panoloc.service.jobs import (
+    LocalizeJob,
+    LocalizeOutcome,
+    MapRef,
+    PoolState,
+    QueryImage,
+    QueryOptions,
+    RegisterJob,
+    RegisterOutcome,
+    at_once,
+)
 from panoloc.service.pool.admission import Admission
 from panoloc.service.pool.forked_process import ForkServer
 from panoloc.service.pool.map_builds import MapBuilds, time_limit
@@ -28,7 +38,7 @@ _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 _MAX_ATTEMPTS, _MAX_REBUILDS = 4, 2
-_MOST_SEARCHED = SearchConfig().most_maps  # of the maps of a query
+_SEARCH = SearchConfig()
 _WATCH_PERIOD_S = 1.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
 _DRAIN_POLL_S = 0.05
@@ -136,25 +146,49 @@ class ProcessPool:
         with self.admission.admit(job.kind, remaining_s):
             async with time_limit(max(0.0, remaining_s), too_late):
                 left_out: dict[MapRef, Exception] = {}
-                if self._num_workers > 1 and len(job.maps) > _MOST_SEARCHED:
+                asked = job
+                if self._num_workers > 1 and len(job.maps) > _SEARCH.most_maps:
                     job = await self._likeliest(job, left_out)
                 if job.maps:
                     job, reply = await self._with_indexes(job, left_out)
                 if not job.maps:
                     raise next(iter(left_out.values()))
+                if reply.view:
+                    reply = await self._beside_look_alikes(asked, job, reply, left_out)
                 self.admission.note_duration(reply.duration_s, job.kind)
                 return _outcome(reply).without_maps(left_out)
 
     async def _likeliest(self, job: LocalizeJob, left_out: dict[MapRef, Exception]) -> LocalizeJob:
-        """Return the query with those of its maps alone that may be searched, best first: each worker scores a share of all."""
+        """Return the query with those of its maps alone that may be searched, best first."""
+        scored = await self._scored(job, left_out)
+        return replace(job, maps=tuple(ref for _, ref in scored[: _SEARCH.most_maps]), num_maps=len(scored))
+
+    async def _beside_look_alikes(
+        self,
+        asked: LocalizeJob,
+        searched: LocalizeJob,
+        reply: WorkerReply[LocalizeOutcome],
+        left_out: dict[MapRef, Exception],
+    ) -> WorkerReply[LocalizeOutcome]:
+        """Return the reply to a query that was found in one of its maps, sought anew beside those that look the same, if there are any."""
+        view = replace(asked, images=(QueryImage(reply.view),), options=QueryOptions(asked.options.timeout_s))
+        scored = await self._scored(view, left_out)
+        found = _outcome(reply).answer.map_id
+        number = next(number for number, (_, ref) in enumerate(scored) if ref.id == found)
+        alike = [scored[other][1] for other in _SEARCH.look_alikes([score for score, _ in scored], number)]
+        if not alike:
+            return reply
+        return (await self._with_indexes(replace(searched, maps=(scored[number][1], *alike)), left_out))[1]
+
+    async def _scored(self, job: LocalizeJob, left_out: dict[MapRef, Exception]) -> list[tuple[float, MapRef]]:
+        """Return the maps of a query, best first, and their scores: each worker scores a share of all."""
         parts = shares_of(job.maps, self._num_workers)
         asked = [replace(job, maps=maps, share=f"share {number}") for number, maps in parts.items()]
         scored: list[tuple[float, MapRef]] = []
         for share, reply in await asyncio.gather(*(self._with_indexes(each, left_out) for each in asked)):
             _require_success(reply)
             scored += zip(reply.scores, share.maps, strict=True)
-        scored.sort(key=lambda pair: -pair[0])
-        return replace(job, maps=tuple(ref for _, ref in scored[:_MOST_SEARCHED]), num_maps=len(scored))
+        return sorted(scored, key=lambda pair: -pair[0])
 
     async def _with_indexes(
         self, job: LocalizeJob, left_out: dict[MapRef, Exception]

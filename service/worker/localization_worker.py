@@ -10,14 +10,23 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+import numpy as np
+
 from panoloc.core.camera.rig import Rig
-from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
+from panoloc.core.decide.pictures import (
+    Picture,
+    draw_overlay,
+    draw_score_map_2d,
+    draw_score_map_3d,
+    encode_png,
+    view_scan,
+)
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.core.kernels.library import use_threads
 from panoloc.core.localizer import Localizer
-from panoloc.core.many_maps import localize_among, scores_among
+from panoloc.core.many_maps import localize_among, scores_among, view_from
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.results import Localization
+from panoloc.core.results import Candidate, Localization
 from panoloc.service.cache import WorkerCache
 from panoloc.service.host.process_resources import keep_freed_memory, num_usable_cpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
@@ -52,6 +61,7 @@ class LocalizationWorker:
             outcome=outcome,
             failure=failure,
             scores=query.scores,
+            view=query.view,
             missing=query.missing,
             worker=self._name,
             duration_s=time.monotonic() - began,
@@ -72,6 +82,7 @@ class _RunningQuery:
     timings_s: dict[str, float] = field(default_factory=dict)
     missing: tuple[MapRef, ...] = ()
     scores: tuple[float, ...] = ()
+    view: bytes = b""
 
     def answer(self) -> LocalizeOutcome | None:
         """Return the outcome; None when an index is missing, or only scores are asked for. Raises errors of `core`."""
@@ -89,6 +100,9 @@ class _RunningQuery:
             return None
         query = as_found(query, localization)
         index = None if localization.best is None else self.maps.searched[localization.best.map_position]
+        if self.job.num_maps is not None and localization.best is not None and localization.status == "localized":
+            # Nobody here knows all maps of the query.
+            self.view = encode_png(self._view(localization.best))
         pictures = self._timed("pictures", lambda: _pictures(query, index, localization, wanted.artifacts))
         cells = self._timed("pictures", lambda: None if index is None else change_cells(index, localization))
         answer = answer_of(localization, self.job, query.photos, self.timings_s, pictures)
@@ -108,6 +122,12 @@ class _RunningQuery:
             num_maps=self.job.num_maps,
             is_cancelled=self.is_cancelled,
         )
+
+    def _view(self, best: Candidate) -> Picture:
+        """Return what its map shows around a pose, transparent where that is nothing."""
+        rows = 2 * self.localizer.config.descriptors.view_height
+        (photo,) = view_from(self.maps.searched[best.map_position], best.pose, rows).photos
+        return np.dstack((photo.color, 255 * photo.valid.astype(np.uint8)))
 
     def _remaining_s(self) -> float:
         remaining_s = self.job.deadline_unix_s - time.time()

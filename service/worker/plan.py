@@ -37,12 +37,14 @@ class WorkerFailure:
 class WorkerReply(Generic[Outcome]):
     """An outcome, a failure, the scores of a share of maps, or the maps whose index has to be built again; and figures about the worker.
 
+    view: of a place that was found in one of many maps, what the map shows all around, as PNG; others may look the same.
     index_loads: how often an index was "resident", came from "redis" or "storage" or was "missing" for this job.
     """
 
     outcome: Outcome | None = None
     failure: WorkerFailure | None = None
     scores: tuple[float, ...] = ()
+    view: bytes = b""
     missing: tuple[MapRef, ...] = ()
     worker: str = ""
     duration_s: float = 0.0

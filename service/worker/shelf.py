@@ -25,7 +25,7 @@ from panoloc.service.worker.map_catalog import registration_of, store_vectors, s
 
 _log = logging.getLogger(__name__)
 _LOADED_AT_ONCE = 8
-_VECTORS_SHARE = 4  # a quarter of the memory: of two gigabytes enough for those of 1,400 rooms
+_VECTORS_SHARE = 3  # a third of the memory: of two gigabytes enough for those of 1,000 rooms
 
 
 class _Sized(Protocol):

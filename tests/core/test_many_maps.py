@@ -1,5 +1,6 @@
 """A panorama in one of many maps, of which few are loaded."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -104,22 +105,40 @@ def test_where_no_likely_map_fits_others_are_searched_and_those_left_out_are_cou
 
 @pytest.mark.slow
 def test_what_may_be_in_another_map_is_the_less_sure() -> None:
-    likely, unlikely = (localized(panorama(), prior=prior) for prior in (0.8, 0.25))
-    assert (likely.status, round(best_of(likely).confidence, 2)) == ("localized", 0.8)
-    assert (unlikely.status, round(best_of(unlikely).confidence, 2)) == ("not_localized", 0.25)
-    twice = [localized(panorama(), BOX, BOX, prior=prior).status for prior in (0.8, 0.25)]
+    sure, likely, unlikely = (localized(panorama(), prior=prior) for prior in (1.0, 0.25, 0.0001))
+    assert best_of(sure).confidence > best_of(likely).confidence > best_of(unlikely).confidence
+    assert [found.status for found in (sure, likely, unlikely)] == ["localized", "localized", "not_localized"]
+    twice = [localized(panorama(), BOX, BOX, prior=prior).status for prior in (0.25, 0.0001)]
     assert twice == ["ambiguous", "not_localized"]
 
 
 @pytest.mark.slow
-def test_one_photo_among_many_maps_is_not_sure() -> None:
+def test_one_photo_is_less_sure_of_one_of_many_maps() -> None:
     photo = Rig.of_photo(photo_of(SIDEWAYS))
-    boxes = Boxes(BOX, OTHER_BOX, SYMMETRIC, BOX, BOX)
-    # Both of two maps are the right one, and three times as many were not looked at.
-    found = localize_among(with_limits(1, 2), photo, boxes)
-    assert len(boxes.asked) == 2
-    assert found.status == "not_localized"
-    assert any("only the 2 of 5 maps were searched" in warning for warning in found.warnings)
+    few, many = Boxes(BOX), Boxes(BOX, *(OTHER_BOX,) * 4, *(UNKNOWN,) * 5)
+    alone, among_many = (localize_among(with_limits(1, 1), photo, boxes) for boxes in (few, many))
+    assert set(many.asked) == {0}
+    assert best_of(among_many).confidence < best_of(alone).confidence
+    assert among_many.status == "localized"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("image", ["panorama", "photo"])
+def test_maps_that_look_the_same_are_searched_however_unlikely_they_seemed(image: str) -> None:
+    rig = rig_of(panorama()) if image == "panorama" else Rig.of_photo(photo_of(SIDEWAYS))
+    boxes = Boxes(OTHER_BOX, BOX, SYMMETRIC, BOX, OTHER_BOX)
+    found = localize_among(with_limits(2, 2), rig, boxes)
+    assert found.status == "ambiguous"
+    assert {best_of(found).map_position, *(each.map_position for each in found.alternatives)} == {1, 3}
+    # The one that was found is looked at once more, beside its equal.
+    assert sorted(set(boxes.asked)) == [1, 3]
+
+
+def test_maps_look_alike_that_score_nearly_what_one_scores_for_its_own_view() -> None:
+    search = with_limits(3, 64).config.search
+    assert search.look_alikes([0.8, 1.0, 0.95, 0.89, 1.1, 0.91], 1) == [4, 2]  # two at most, beside the one itself
+    assert search.look_alikes([0.9, 1.0], 0) == [1]
+    assert search.look_alikes([-math.inf, -math.inf], 0) == []  # labels, which have no colours
 
 
 class Scripted(Localizer):

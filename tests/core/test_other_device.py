@@ -61,7 +61,7 @@ def scores_of(rig: Rig, maps: list[RetrievalVectors], device: str) -> list[float
     """Return the scores of maps for a rig, worked out on a device."""
     config = LocalizerConfig()
     prepared = PreparedRig(rig, None, torch.device(device), config)
-    scores = scores_of_maps(prepared.described, prepared.lines, maps, None, config.search)
+    scores = scores_of_maps(prepared.described, prepared.lines, maps, None, prepared.is_wide, config.search)
     return [float(score) for score in scores]
 
 

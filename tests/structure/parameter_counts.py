@@ -27,7 +27,7 @@ _NO_PARAMETERS = {
     "what the contract says: limits of what a caller may send, and what a radius means": (
         *("core/options.py:M[AI][XN]_[!S]*", "core/options.py:M[AI][XN]_SPACING_M", "core/options.py:*_SPAN_M"),
         *("core/options.py:FARTHEST_M", "core/options.py:QUATERNION_TOLERANCE", "core/options.py:METRES_PER_UNIT"),
-        *("core/camera/camera.py:*", "core/decide/hypotheses.py:_HELD"),
+        *("core/camera/camera.py:*", "core/image/photo_window.py:_MIN_*", "core/decide/hypotheses.py:_HELD"),
     ),
     "portions of work, which change no answer": (
         *("*:*_AT_ONCE", "*:RENDER_BATCH", "*:BLOCK", "*:_BLOCK", "*:_FEW", "*:_RENDERED_BYTES"),

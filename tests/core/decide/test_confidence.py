@@ -114,7 +114,7 @@ def test_what_was_measured_is_a_sign(measures: dict[str, float], feature: str, s
 
 
 def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:
-    model = ConfidenceModel(0.5, WEIGHTS, 0.0, 0.5, FLAT, FLAT)
+    model = ConfidenceModel(0.5, WEIGHTS, 0.0, 0.5, FLAT, FLAT, 0.5)
     features = {name: 1.0 - 0.2 * k for k, name in enumerate(FEATURES)}
     logit = 0.5 + sum(0.1 * (k + 1) * (1.0 - 0.2 * k) for k in range(len(FEATURES)))
     assert model.probability(features) == pytest.approx(1 / (1 + math.exp(-logit)))
@@ -134,7 +134,7 @@ def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> Non
 def test_the_probability_is_divided_among_places_that_look_the_same_by_powers_of_their_scores(
     power: float, scores: tuple[float, ...], share: float
 ) -> None:
-    model = ConfidenceModel(0.5, WEIGHTS, power, 0.5, FLAT, FLAT)
+    model = ConfidenceModel(0.5, WEIGHTS, power, 0.5, FLAT, FLAT, 0.5)
     aliases = [replace(judged(score, 3.0 * k), is_alias=True) for k, score in enumerate(scores, 1)]
     other = judged(1.0, -3.0)
     alone = model.probability(features_of(judged(1.2), [other]))
@@ -142,6 +142,14 @@ def test_the_probability_is_divided_among_places_that_look_the_same_by_powers_of
     # Poses with other focal lengths are as many places more.
     best = judged(1.2, focal_odds=0.5)
     assert model.confidence(best, [other, *aliases]) == pytest.approx(alone / (1 / share + 0.5))
+
+
+def test_where_the_right_place_may_lie_elsewhere_a_pose_is_as_sure_as_bayes_has_it() -> None:
+    model = ConfidenceModel(0.5, WEIGHTS, 0.0, 0.5, FLAT, FLAT, 0.6)
+    # What is measured makes a pose six times as probable: 6 * 0.6 / 0.4 = 9 to 1. Of half as many that are right, 6 * 0.3 / 0.7.
+    assert model.among(0.9, 0.5) == pytest.approx(1.8 / 2.5)
+    assert model.among(0.9, 1.0) == pytest.approx(0.9)
+    assert (model.among(0.9, 0.0), model.among(0.0, 0.5), model.among(1.0, 0.5)) == (0.0, 0.0, 1.0)
 
 
 # Radii.
@@ -163,7 +171,7 @@ def test_halves_are_never_nearer_than_the_curvature_allows() -> None:
 
 def test_the_accuracy_of_a_pose_has_a_model_for_each_radius_and_the_noise_of_others() -> None:
     position, orientation = RadiusModel(0.0, 1.0, 0.0, 0.0, 1.0), RadiusModel(math.log(2), 0.0, 1.0, 1.0, 0.0)
-    model = ConfidenceModel(0.0, {}, 0.0, 0.5, position, orientation)
+    model = ConfidenceModel(0.0, {}, 0.0, 0.5, position, orientation, 0.5)
     pose = judged(formal_deg=5.0, halves_apart_m=1.0, halves_apart_deg=6.0, coverage=0.5)
     formal_m, _ = known(formal_radii(pose))
 

@@ -14,7 +14,7 @@ from panoloc.core.decide.verdict import Verdict, verdict
 # alias takes a share.
 WEIGHTS = {"agreement": 10.0, "margin": 8.0}
 RADIUS = RadiusModel(0.0, 1.0, 0.0, 0.0, 0.0)
-MODEL = ConfidenceModel(-9.0, dict.fromkeys(FEATURES, 0.0) | WEIGHTS, 4.0, 0.7, RADIUS, RADIUS)
+MODEL = ConfidenceModel(-9.0, dict.fromkeys(FEATURES, 0.0) | WEIGHTS, 4.0, 0.7, RADIUS, RADIUS, 0.5)
 ALONE = 1 / (1 + math.exp(-4.0))
 
 

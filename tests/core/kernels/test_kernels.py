@@ -26,7 +26,7 @@ from panoloc.core.image.level import Level
 from panoloc.core.image.photo_window import PhotoOnWindow, photo_on_window
 from panoloc.core.image.rig_pyramid import RigPyramid
 from panoloc.core.kernels import library
-from panoloc.core.map.retrieval_vectors import retrieval_vectors
+from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.query.map_query import PreparedRig
 from panoloc.core.refine.patches import PatchSums, patch_numbers
 from panoloc.core.refine.step import PatchEquations, PointPlanes, PoseStep, patch_equations, pose_steps
@@ -317,8 +317,9 @@ def test_scores_of_maps(both: Numbers, name: str) -> None:
     rig = PreparedRig(RIGS[name][0], None, torch.device("cpu"), CONFIG)
     maps = [retrieval_vectors(map_of(box)) for box in (BOX, OTHER_BOX)]
     turn = rotation_from_vector(torch.tensor([0.0, 0.0, 0.3]))
-    maps.append(replace(maps[0], axes=maps[0].axes @ turn, steps=maps[0].steps[:-7], scale=maps[0].scale[:-7]))
-    compiled, tensors = both(lambda: scores_of_maps(rig.described, rig.lines, maps, None, CONFIG.search))
+    steps, scale, levels = maps[0].steps[:-7], maps[0].scale[:-7], maps[0].levels[..., :-7].contiguous()
+    maps.append(RetrievalVectors(steps, scale, levels, maps[0].axes @ turn))
+    compiled, tensors = both(lambda: scores_of_maps(rig.described, rig.lines, maps, None, rig.is_wide, CONFIG.search))
     assert float(tensors.min()) > 0.1
     torch.testing.assert_close(compiled, tensors, atol=1e-5, rtol=1e-4)
 

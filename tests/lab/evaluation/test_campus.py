@@ -32,7 +32,12 @@ def test_the_last_tenth_of_a_campus_are_twins_of_the_first(tmp_path: Path) -> No
 
 
 def test_wrong_answers_and_those_that_are_too_sure_of_a_twin_are_counted(tmp_path: Path) -> None:
-    none = RetrievalVectors(torch.empty((3, 1024), dtype=torch.int8), torch.empty(3), torch.eye(3))
+    none = RetrievalVectors(
+        torch.empty((3, 1024), dtype=torch.int8),
+        torch.empty(3),
+        torch.empty((288, 3, 3), dtype=torch.int8),
+        torch.eye(3),
+    )
     rows = [
         CampusRow(5, "localized", 0.99, 0.5, 0, in_right_map=True, is_right=True),
         CampusRow(6, "localized", 0.9, 0.7, None, in_right_map=False, is_right=False),

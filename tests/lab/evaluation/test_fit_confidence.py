@@ -75,9 +75,11 @@ def test_the_document_is_what_the_confidence_model_reads() -> None:
     fitted = fit_confidence(_rows("rooms", 120, 0) + _rows("flats", 120, 1))
     document = fitted.document
     assert set(document["coefficients"]) == set(FEATURES)
-    radii = (RadiusModel(**document[name]) for name in ("position_radius", "orientation_radius"))
-    names = "intercept", "coefficients", "alias_power", "threshold"
-    model = ConfidenceModel(*(document[name] for name in names), *radii)
+    position, orientation = (RadiusModel(**document[name]) for name in ("position_radius", "orientation_radius"))
+    intercept, coefficients, power, threshold = (
+        document[name] for name in ("intercept", "coefficients", "alias_power", "threshold")
+    )
+    model = ConfidenceModel(intercept, coefficients, power, threshold, position, orientation, 0.5)
 
     def probability(value: float) -> float:
         row = made_row(search=searched(value))

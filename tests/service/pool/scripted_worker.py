@@ -41,8 +41,9 @@ class ScriptedWorker:
             return WorkerReply(scores=tuple(script["scores"].get(ref.id, 0.0) for ref in job.maps), worker=self._name)
         figures = {"pid": os.getpid(), "request_id": job.request_id, "gpus": os.environ.get("CUDA_VISIBLE_DEVICES")}
         figures |= {"maps": [ref.id for ref in job.maps], "num_maps": job.num_maps}
-        outcome = LocalizeOutcome(empty_answer(status="localized", search=figures))
-        return WorkerReply(outcome, worker=self._name, duration_s=0.1, resident_bytes=1234)
+        outcome = LocalizeOutcome(empty_answer(status="localized", search=figures, map_id=script.get("found")))
+        view = json.dumps(script["view"]).encode() if "view" in script else b""
+        return WorkerReply(outcome, view=view, worker=self._name, duration_s=0.1, resident_bytes=1234)
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         script = json.loads(job.scan_name)

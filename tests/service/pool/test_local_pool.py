@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from panoloc.core.config import SearchConfig
 from panoloc.lab.process_memory import command_of, descendants
 from panoloc.service.errors import NoWorkerError, StoredFileDamagedError
 from panoloc.service.pool import process_pool, worker_process
@@ -73,9 +74,8 @@ def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(tmp_
 
 
 def test_each_of_several_workers_scores_a_share_of_many_maps_and_one_searches_the_likeliest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(process_pool, "_MOST_SEARCHED", 64)
     maps = tuple(f"map_{number}" for number in range(90))
     with running_pool(tmp_path, 3) as running:
         assert eventually(lambda: running.pool.state().num_workers == 3, 60)
@@ -87,12 +87,18 @@ def test_each_of_several_workers_scores_a_share_of_many_maps_and_one_searches_th
         assert figures["maps"] == sorted(maps, key=lambda name: -scores[name])[:64]
         assert figures["num_maps"] == 90
         assert running.localize(query("few", maps[:64])).answer.search["maps"] == list(maps[:64])
+        # What is found is sought beside maps that look the same, however unlikely these seemed.
+        of_view = {"scores": {"map_79": 1.0, "map_3": 0.95, "map_5": 0.5}}
+        asked = query("equal", maps, scores=scores, found="map_79", view=of_view)
+        assert running.localize(asked).answer.search["maps"] == ["map_79", "map_3"]
+        asked = query("unequal", maps, scores=scores, found="map_3", view={"scores": {"map_3": 1.0, "map_79": 0.5}})
+        assert running.localize(asked).answer.search["maps"] == figures["maps"]
 
 
 def test_of_many_maps_those_that_cannot_be_built_are_left_out_wherever_they_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process_pool, "_MOST_SEARCHED", 4)
+    monkeypatch.setattr(process_pool, "_SEARCH", SearchConfig(most_maps=4))
     whole, broken = tuple(f"map_{number}" for number in range(4)), ("map_broken_a", "map_broken_b")
     for name in whole:
         (tmp_path / f"{name}.1.index").touch()

@@ -1,6 +1,7 @@
 """The worker and the registrar without Ray: a real index, a real Redis, a folder; only the search is made up."""
 
 import hashlib
+import io
 import json
 import os
 import pickle
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 import redis
 import torch
+from PIL import Image
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
@@ -202,7 +204,12 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
     assert len(stored) == 20
     scored = place.worker.localize(replace(query(maps=maps), share="share 0"))
     assert (len(scored.scores), len(set(scored.scores))) == (20, 1)  # all of them are of one box
-    assert (scored.outcome, scored.failure, scored.index_loads) == (None, None, {})
+    assert (scored.outcome, scored.failure, scored.index_loads, first.view) == (None, None, {}, b"")
+    # Where others know the other maps of the query, they are shown what the map shows from there.
+    found = place.worker.localize(replace(query(maps=maps[:9]), num_maps=90))
+    assert Image.open(io.BytesIO(found.view)).size == (256, 128)
+    of_view = place.worker.localize(replace(query(maps=maps), images=(QueryImage(found.view),), share="share 0"))
+    assert of_view.scores[0] > 0.5
     # Those that cannot be read are made again.
     key = key_of(maps[3], stored[3].name)
     before = place.storage.read(key)
