@@ -80,14 +80,14 @@ def localize_among(
     search = localizer.config.search
     began, few, most = time.monotonic(), search.first_maps, search.most_maps
     ranked, portions, timings_s = list(range(len(maps))), [len(maps)], defaultdict[str, float](float)
-    total, is_telling = num_maps or len(maps), True
+    total, is_wide = num_maps or len(maps), True
     # To look for the likeliest takes as long as to search as many again.
     if total > 2 * few:
         if num_maps is None:
             scores = torch.tensor(scores_among(localizer, rig, maps.vectors(), hints))
             ranked = scores.argsort(descending=True, stable=True).tolist()
             timings_s["retrieval"] += time.monotonic() - began
-        is_telling, portions = shown_share(rig) >= search.narrow_share, [few, most]
+        is_wide, portions = shown_share(rig) >= search.wide_share, [few, most]
 
     def searched(numbers: Sequence[int], likeliest: int) -> Localization:
         """Return the answer among some of the maps, which are the likeliest so many, or look like one of these."""
@@ -101,8 +101,8 @@ def localize_among(
             hints=hints,
             top_k=top_k,
             timeout_s=None if timeout_s is None else timeout_s - (time.monotonic() - began),
-            # About as often as the map of one photo was among the 8 and the 64 likeliest of 180, 720 and 1,000 (docs/scale.md).
-            prior=1.0 if is_telling else min(1.0, (likeliest / total) ** (1 / 6)),
+            # About as often as the map of one photo was among the likeliest 8 and 64 of 180, 720 and 1,000 (docs/scale.md).
+            prior=1.0 if is_wide else min(1.0, (likeliest / total) ** (1 / 6)),
             is_cancelled=is_cancelled,
         )
         for stage, seconds in answer.timings_s.items():

@@ -88,8 +88,7 @@ class ConfidenceModel:
     def among(self, confidence: float, prior: float) -> float:
         """Return a confidence where the right place is in one of the maps that were searched with probability `prior` alone: before
         anything is known of a pose it is then right more rarely, and its odds change by that (Bayes)."""
-        before = prior * self.share_right
-        odds = before / (1 - before) * (1 - self.share_right) / self.share_right
+        odds = prior * (1 - self.share_right) / (1 - prior * self.share_right)
         return confidence * odds / (1 - confidence + confidence * odds)
 
     def accuracy(self, hypothesis: Hypothesis, noise: Accuracy = NO_NOISE) -> Accuracy:

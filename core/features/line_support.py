@@ -10,6 +10,7 @@ Axes are looked up one by one in a map of the sphere, for an edge seldom agrees 
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -159,8 +160,9 @@ class LineSupport:
         opposite = torch.roll(upper.flip(0), config.support_rows, dims=1)
         self._bordered = wrap_border(torch.cat((upper, opposite))[None])
         self._rows = config.support_rows
+        self._of_axes: dict[int, Tensor] = {}
 
-    @property
+    @cached_property
     def by_chance(self) -> float:
         """Return what rotations have on average."""
         weights = pixel_solid_angles(self._rows, 2 * self._rows, self._bordered.device)
@@ -168,8 +170,13 @@ class LineSupport:
 
     def contrast(self, count: int) -> float:
         """Return by how much edges agree better with the best turn of axes at right angles, of `count` over all turns, than by chance."""
-        every = rotations_of_axes(count, str(self._bordered.device))
-        return float(self.of_rotations(every).max()) - self.by_chance
+        return float(self.of_axes(count).max()) - self.by_chance
+
+    def of_axes(self, count: int) -> Tensor:
+        """Return what `of_rotations` returns, (K,), of `rotations_of_axes`, of `count` over all turns."""
+        if count not in self._of_axes:
+            self._of_axes[count] = self.of_rotations(rotations_of_axes(count, str(self._bordered.device)))
+        return self._of_axes[count]
 
     def of_rotations(self, rotations: Tensor) -> Tensor:
         """Return the mean log-likelihood ratio (R,) of an edge, for rotations (R, 3, 3) axes_from_rig."""

@@ -72,6 +72,14 @@ def rotations_of_axes(count: int, device: str) -> Tensor:
     return rotations[traces.amax(1) <= torch.diagonal(rotations, dim1=-2, dim2=-1).sum(-1) + 1e-6]
 
 
+@lru_cache(maxsize=2)
+@torch.inference_mode(False)
+def rotations_by_axes(count: int, device: str) -> Tensor:
+    """Return about `count` rotations (24 K, 3, 3) spread over SO(3): the K of `rotations_of_axes`, under one turn of the axes after the
+    other."""
+    return (turns_of_axes(device)[:, None] @ rotations_of_axes(count, device)).flatten(0, 1)
+
+
 def rotation_angle(first: Tensor, second: Tensor) -> Tensor:
     """Return the angle (...) in radians between rotation matrices (..., 3, 3)."""
     trace = (first * second).sum((-1, -2))

@@ -20,7 +20,7 @@ from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.patch_descriptors import DescribedPatches, patch_scores
 from panoloc.core.geometry.distinct_poses import first_distinct
-from panoloc.core.geometry.rotations import rotation_spacing, rotations_of
+from panoloc.core.geometry.rotations import rotation_spacing, rotations_by_axes, rotations_of
 from panoloc.core.kernels.library import call, has_kernels_for, num_threads
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.described_rig import DescribedRig
@@ -40,15 +40,17 @@ class LineEvidence:
 
     def __init__(self, lines: LineSupport, axes_from_map: Tensor, limits: PoseLimits, config: SearchConfig) -> None:
         self._lines, self._axes_from_map, self._config = lines, axes_from_map, config
-        # Rotations map_from_rig, of which one is near any.
-        self._every = rotations_of(config.line_rotations, str(axes_from_map.device))
-        self._by_chance = lines.by_chance
+        # Rotations map_from_rig, of which one is near any. Axes at right angles are the same after each of 24 turns.
+        every = rotations_by_axes(config.line_rotations, str(axes_from_map.device))
+        self._every = torch.einsum("ba,nbc->nac", axes_from_map, every)
+        of_axes = lines.of_axes(config.line_rotations)
+        self._of_every = of_axes.repeat(len(every) // len(of_axes))
         if limits.leaves_tilts_beyond(math.pi / 2):
-            self.contrast = lines.contrast(len(self._every))
+            best = of_axes.max()
         else:
-            allowed = self._every[limits.allows_rotation(self._every)]
-            best = self.of_rotations(allowed).max() if len(allowed) else torch.tensor(self._by_chance)
-            self.contrast = float(best) - self._by_chance
+            allowed = self._of_every[limits.allows_rotation(self._every)]
+            best = allowed.max() if len(allowed) else torch.tensor(lines.by_chance)
+        self.contrast = float(best) - lines.by_chance
 
     def of_rotations(self, rotations: Tensor) -> Tensor:
         """Return how well edges agree with rotations (R, 3, 3) map_from_rig: the mean logarithm of the likelihood ratio (R,)."""
@@ -56,13 +58,13 @@ class LineEvidence:
 
     def missed(self, rotations: Tensor) -> Tensor:
         """Return how far rotations (R, 3, 3) fall short of the best one: 0, not at all, to 1, no better than by chance."""
-        return 1 - ((self.of_rotations(rotations) - self._by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
+        return 1 - ((self.of_rotations(rotations) - self._lines.by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
 
     def likely_rotations(self, limits: PoseLimits) -> Tensor:
         """Return the rotations (L, 3, 3) within the limits that edges agree with best, some degrees apart."""
-        allowed = self._every[limits.allows_rotation(self._every, rotation_spacing(len(self._every)) / 2)]
+        allowed = limits.allows_rotation(self._every, rotation_spacing(len(self._every)) / 2).nonzero()[:, 0]
         count = min(len(allowed), self._config.likely_rotations)
-        best = allowed[self.of_rotations(allowed).topk(count).indices]
+        best = self._every[allowed[self._of_every[allowed].topk(count).indices]]
         apart = PoseDistance(1.0, self._config.likely_apart_deg)
         distinct = first_distinct(best, torch.zeros_like(best[:, 0]), apart)
         return best[torch.tensor(distinct, dtype=torch.long, device=best.device)]

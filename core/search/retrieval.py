@@ -124,7 +124,7 @@ def _rotations(lines: LineSupport | None, device: str, max_tilt: float | None, c
         tried = rotations_of(config.rotations_with(2), device)
     else:
         every = rotations_of_axes(config.line_rotations, device)
-        tried = turns_of_axes(device) @ every[lines.of_rotations(every).argmax()]
+        tried = turns_of_axes(device) @ every[lines.of_axes(config.line_rotations).argmax()]
     if max_tilt is None:
         return tried
     allowed = tried[tried[:, 2, 2] >= math.cos(max_tilt)]
