@@ -89,10 +89,13 @@ def localize_among(
             timings_s["retrieval"] += time.monotonic() - began
         is_wide, portions = shown_share(rig) >= search.wide_share, [few, most]
 
+    loaded: dict[int, MapIndex] = {}
+
     def searched(numbers: Sequence[int], likeliest: int) -> Localization:
         """Return the answer among some of the maps, which are the likeliest so many, or look like one of these."""
         loading = time.monotonic()
         indexes = maps.indexes(numbers)
+        loaded.update(zip(numbers, indexes, strict=True))
         timings_s["load"] += time.monotonic() - loading
         answer = localizer.localize(
             rig,
@@ -111,19 +114,18 @@ def localize_among(
 
     found: Localization | None = None
     for first, last in pairwise([0, *portions]):
-        if found is not None and _is_sure(found, localizer.config.judge.sure):
-            break
         # What is found in other maps has to be better than what was.
         known = () if found is None else _places(found)
         found = _better(found, searched([*ranked[first:last], *known], last))
+        if _is_sure(found, localizer.config.judge.sure):
+            break
     assert found is not None, "there is at least one map"
     if found.best is not None and found.status == "localized" and num_maps is None and last < total:
-        began_view, number = time.monotonic(), found.best.map_position
-        (own,) = maps.indexes([number])
-        view = view_from(own, found.best.pose, 2 * localizer.config.descriptors.view_height)
-        scores_of_view = scores_among(localizer, view, maps.vectors(), None)
-        timings_s["retrieval"] += time.monotonic() - began_view
-        others = [each for each in search.look_alikes(scores_of_view, number) if each not in ranked[:last]]
+        looking, number = time.monotonic(), found.best.map_position
+        view = view_from(loaded[number], found.best.pose, 2 * localizer.config.descriptors.view_height)
+        of_view = scores_among(localizer, view, maps.vectors(), None)
+        timings_s["retrieval"] += time.monotonic() - looking
+        others = [each for each in search.look_alikes(of_view, number) if each not in ranked[:last]]
         if others:
             found = _better(found, searched([number, *others], last))
     if found.status == "not_localized" and total > portions[-1]:
