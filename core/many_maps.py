@@ -123,7 +123,7 @@ def localize_among(
     if found.best is not None and found.status == "localized" and num_maps is None and last < total:
         looking, number = time.monotonic(), found.best.map_position
         view = view_from(loaded[number], found.best.pose, 2 * localizer.config.descriptors.view_height)
-        of_view = scores_among(localizer, view, maps.vectors(), None)
+        of_view = scores_among(localizer, view, maps.vectors(), Hints(upright=True))
         timings_s["retrieval"] += time.monotonic() - looking
         others = [each for each in search.look_alikes(of_view, number) if each not in ranked[:last]]
         if others:
