@@ -5,6 +5,7 @@ of poses be scored again by what is inside of patches, which histograms cannot k
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -22,6 +23,8 @@ from panoloc.core.features.patch_descriptors import (
     spreads_of,
 )
 from panoloc.core.features.patch_histograms import PatchGrid, soft_histograms
+
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True)
@@ -49,16 +52,22 @@ class DescribedViews:
         """Return the descriptors as numbers, of patches taken together in squares of 2 ^ `halvings` a side, up to 2; those are kept."""
         if halvings:
             return self._pooled[halvings - 1]
-        return ViewDescriptors(self._values(), self.basis, self.weights.float(), self.spreads)
+        values, weights = (torch.cat(each) for each in zip(*self._parts(), strict=True))
+        return ViewDescriptors(values, self.basis, weights, self.spreads)
 
-    def _values(self) -> Tensor:
-        return self.steps.float().mul_(self.scale[:, None, None])
+    def _parts(self) -> Iterator[tuple[Tensor, Tensor]]:
+        """Return descriptors (t, P, D) and weights (t, P) as numbers, of so few views at a time that they stay in the processor's cache."""
+        for steps, scale, weights in zip(
+            *(torch.split(each, _AT_ONCE) for each in (self.steps, self.scale, self.weights)), strict=True
+        ):
+            yield steps.float().mul_(scale[:, None, None]), weights.float()
 
     @cached_property
     @torch.inference_mode(False)  # they outlive the query that asked for them first
     def _pooled(self) -> tuple[ViewDescriptors, ViewDescriptors]:
-        halved = pooled(self._values(), self.weights.float())
-        return self._with_spreads(*halved), self._with_spreads(*pooled(*halved))
+        parts = [pooled(*part) for part in self._parts()]
+        values, weights = (torch.cat(each) for each in zip(*parts, strict=True))
+        return self._with_spreads(values, weights), self._with_spreads(*pooled(values, weights))
 
     def _with_spreads(self, values: Tensor, weights: Tensor) -> ViewDescriptors:
         return ViewDescriptors(values, self.basis, weights, spreads_of(values, weights))
@@ -67,7 +76,7 @@ class DescribedViews:
     @torch.inference_mode(False)  # they outlive the query that asked for them first
     def spreads(self) -> Tensor:
         """Return how the descriptors of each view spread, (T, D, D); see `spreads_of`."""
-        return spreads_of(self._values(), self.weights.float())
+        return torch.cat([spreads_of(*part) for part in self._parts()])
 
     @cached_property
     @torch.inference_mode(False)  # they outlive the query that asked for them first

@@ -19,6 +19,7 @@ from panoloc.core.image.label_codes import label_codes
 from panoloc.core.map.aliases import find_aliases
 from panoloc.core.map.map_index import INDEX_VERSION, MapIndex
 from panoloc.core.map.starts import Starts, grid_starts, octree_starts
+from panoloc.core.map.wall_axes import surface_thickness, wall_axes
 from panoloc.core.options import IndexOptions
 from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
 from panoloc.core.render.synthetic_view import RENDER_BATCH, render_views
@@ -94,6 +95,8 @@ def build_map_index(
         views=found,
         sampled_shares=torch.cat(sampled_shares)[keep],
         aliases=aliases,
+        wall_axes=wall_axes(positions),
+        surface_thickness_m=surface_thickness(positions),
         labels=labels,
         num_points_read=cloud.num_points_read or len(cloud),
     )

@@ -11,10 +11,9 @@ from torch import Tensor
 from panoloc.core.features.described_views import DescribedViews
 from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.map.aliases import Aliases
-from panoloc.core.map.wall_axes import surface_thickness, wall_axes
 from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud
 
-INDEX_VERSION = 6  # of what an index holds and means; rises with every change, so that older ones are built again
+INDEX_VERSION = 7  # of what an index holds and means; rises with every change, so that older ones are built again
 _RENDERED_BYTES = 40  # of a point in `render_cloud`: colours as floats, and places in six densities
 
 
@@ -26,8 +25,8 @@ class MapIndex:
     origin_offset: (3,) float64. spacing: metres between points.
     starts: (T, 3) float32 metres relative to `origin_offset`. leaf_sizes: (T,) float32 metres, edges of the octree's leaves.
     views: what is kept of the T synthetic views. sampled_shares: (T,) float32, share of the sphere in whose pixels of such a view a point
-    falls. aliases: which of the starts look the same. labels: codes when the colours are semantic labels, else None. num_points_read:
-    points in the scan file.
+    falls. aliases: which of the starts look the same. wall_axes: (3, 3) axes_from_map, along the walls, and surface_thickness_m; see
+    `panoloc.core.map.wall_axes`. labels: codes when the colours are semantic labels, else None. num_points_read: points in the scan file.
     """
 
     positions: Tensor
@@ -39,6 +38,8 @@ class MapIndex:
     views: DescribedViews
     sampled_shares: Tensor
     aliases: Aliases
+    wall_axes: Tensor
+    surface_thickness_m: float
     labels: LabelCodes | None
     num_points_read: int
 
@@ -81,17 +82,6 @@ class MapIndex:
     def render_cloud(self) -> RenderCloud:
         """Return the points with canonical colours (as scanned, or label codes), ready for rendering; made once."""
         return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
-
-    @cached_property
-    @torch.inference_mode(False)
-    def wall_axes(self) -> Tensor:
-        """Return the axes that the walls are built along (see `panoloc.core.map.wall_axes`); made once."""
-        return wall_axes(self.positions)
-
-    @cached_property
-    def surface_thickness_m(self) -> float:
-        """Return how thick the surfaces of the scan are (see `panoloc.core.map.wall_axes`); made once."""
-        return surface_thickness(self.positions)
 
     def to(self, device: torch.device | str) -> "MapIndex":
         """Return the index with its arrays on `device`."""

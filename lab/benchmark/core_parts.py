@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from importlib.util import find_spec
 from typing import Any
 
 import torch
@@ -9,7 +10,6 @@ import torch
 from panoloc.core.config import LocalizerConfig, SearchConfig
 from panoloc.core.errors import OptionsError
 from panoloc.core.localizer import Localizer
-from panoloc.core.map.map_codec import decode_map_index, encode_map_index
 from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.registration import time_registration
 from panoloc.lab.benchmark.sizes import Sizes
@@ -69,7 +69,9 @@ def _registration(run: CoreBenchmark) -> Figures:
 
 
 def _index(run: CoreBenchmark) -> Figures:
-    """Time encoding a map index, and decoding it up to the arrays on the device."""
+    """Time encoding a map index, and decoding it up to the arrays on the device. Needs zstandard."""
+    from panoloc.core.map.map_codec import decode_map_index, encode_map_index
+
     sizes = run.sizes
     index = run.rooms.indexed(0, sizes.points, sizes.starts).index
     run.say("encoding and decoding an index")
@@ -105,3 +107,8 @@ CORE_PARTS: dict[str, Callable[[CoreBenchmark], Figures]] = {
     "index": _index,
     "maps": _maps,
 }
+
+
+def measurable_parts() -> list[str]:
+    """Return the names of the parts that this environment can measure: without zstandard none that encodes an index."""
+    return [name for name in CORE_PARTS if find_spec("zstandard") or name not in ("registration", "index")]

@@ -16,7 +16,6 @@ import torch
 from panoloc.core.errors import CoreError
 from panoloc.core.kernels.library import num_threads, use_threads
 from panoloc.core.map.map_builder import build_map_index
-from panoloc.core.map.map_codec import encode_map_index
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab.benchmark.painted_maps import room_spacing, write_room_scan
@@ -85,6 +84,8 @@ def register_in_new_process(scan: Path, spacing_m: float, threads: int) -> Regis
 
 def register(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:
     """Read, index and encode `scan` in this process. Raises a ScanError for a file that cannot be read."""
+    from panoloc.core.map.map_codec import encode_map_index
+
     use_threads(threads)
     torch.set_num_threads(threads)
     base, began = memory_bytes()["RSS"], time.perf_counter()

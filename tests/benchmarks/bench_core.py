@@ -2,7 +2,8 @@
 
     python tests/benchmarks/bench_core.py [--part stages] [--quick] [--device cuda] [--threads 2] [--repeats 9] [--json FILE]
 
-Without Pillow, decoding and pictures are left out of the stages. Prints one JSON document per part.
+Without Pillow, decoding and pictures are left out of the stages, without zstandard the parts about registration and index. Prints one
+JSON document per part.
 """
 
 import argparse
@@ -15,7 +16,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
+from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device, measurable_parts
 from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.sizes import FULL, QUICK
 from panoloc.lab.machine import machine, versions
@@ -43,7 +44,7 @@ def main() -> None:
 
     run = CoreBenchmark(sizes, device, Rooms(device, say), say)
     described = {"machine": {**machine(), "device": str(device)}, "versions": versions(), "parts": {}}
-    for name in arguments.part or CORE_PARTS:
+    for name in arguments.part or measurable_parts():
         described["parts"][name] = CORE_PARTS[name](run)
         print(json.dumps({name: described["parts"][name]}))
         if arguments.json:

@@ -3,13 +3,13 @@
 import dataclasses
 import json
 import struct
-import zlib
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+import zstandard
 
 from panoloc.core.errors import IndexFormatError
 from panoloc.core.map.map_builder import build_map_index
@@ -90,8 +90,8 @@ def rewritten(data: bytes, change: Callable[[dict[str, Any]], None], body: Calla
     header = json.loads(data[PREFIX.size :][:length])
     change(header)
     text = json.dumps(header).encode()
-    arrays = body(zlib.decompress(data[PREFIX.size + length :]))
-    return PREFIX.pack(magic, version, len(text)) + text + zlib.compress(arrays)
+    arrays = body(zstandard.decompress(data[PREFIX.size + length :]))
+    return PREFIX.pack(magic, version, len(text)) + text + zstandard.compress(arrays)
 
 
 def test_an_index_without_a_point_is_refused(data: bytes) -> None:
@@ -116,7 +116,9 @@ def test_more_or_fewer_bytes_than_the_arrays_take_are_refused(data: bytes, extra
         decode_map_index(rewritten(data, lambda header: None, stretched))
 
 
-@pytest.mark.parametrize("name", ["lower", "step", "origin_offset", "spacing", "num_points_read", "arrays"])
+@pytest.mark.parametrize(
+    "name", ["lower", "step", "origin_offset", "spacing", "surface_thickness_m", "num_points_read", "arrays"]
+)
 def test_a_header_that_leaves_something_out_is_refused(data: bytes, name: str) -> None:
     with pytest.raises(IndexFormatError, match="build it again from the scan"):
         decode_map_index(rewritten(data, lambda header: header.pop(name)))

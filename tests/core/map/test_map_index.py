@@ -99,6 +99,8 @@ def test_an_index_read_back_differs_only_by_stated_rounding_and_is_not_rounded_a
         assert field.name == "pictures" or torch.equal(before, after), field.name
     assert torch.equal(back.aliases.starts, index.aliases.starts)
     assert torch.equal(back.aliases.turns, index.aliases.turns)
+    assert torch.equal(back.wall_axes, index.wall_axes)
+    assert back.surface_thickness_m == index.surface_thickness_m
     assert (back.spacing, back.num_points_read) == (index.spacing, index.num_points_read)
 
     again = decode_map_index(encode_map_index(back))

@@ -46,6 +46,8 @@ def made(labels: bool = False) -> MapIndex:
             torch.rand((NUM_STARTS, ROWS, 2 * ROWS), generator=random) > 0.1,
         ),
         aliases=Aliases(torch.tensor([[2, -1], [-1, -1], [0, 1]], dtype=torch.int32), torch.rand((NUM_STARTS, 2))),
+        wall_axes=torch.tensor([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]]),
+        surface_thickness_m=0.007,
     )
 
 
@@ -66,7 +68,7 @@ def test_the_memory_of_an_index_is_that_of_its_arrays_and_of_what_a_query_adds()
     views = NUM_STARTS * (NUM_PATCHES * (SIZE + 2) + 4 + ROWS * 2 * ROWS * (3 + 1)) + 4 * BINS * SIZE
     # 40 bytes of a point to render, a quarter and a sixteenth of the descriptors as floats, and how they spread.
     added = 40 * NUM_POINTS + 4 * NUM_STARTS * (NUM_PATCHES * SIZE // 4 + NUM_PATCHES * SIZE // 16 + SIZE**2)
-    assert made().num_bytes == points + starts + aliases + views + added
+    assert made().num_bytes == points + starts + aliases + 4 * 3 * 3 + views + added
 
 
 def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
@@ -101,7 +103,7 @@ def test_an_index_moves_to_a_device_with_all_its_arrays(labels: bool) -> None:
     arrays = [moved.positions, moved.colors, moved.starts, moved.leaf_sizes, moved.sampled_shares]
     views = moved.views
     arrays += [views.steps, views.scale, views.basis, views.weights, views.pictures, views.seen]
-    arrays += [moved.aliases.starts, moved.aliases.turns]
+    arrays += [moved.aliases.starts, moved.aliases.turns, moved.wall_axes]
     if labels:
         assert moved.labels is not None
         arrays += [moved.labels.labels, moved.labels.codes]

@@ -106,7 +106,19 @@ def test_cuda_is_waited_for_before_and_after(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.slow
 def test_the_core_script_needs_torch_and_numpy_alone() -> None:
     script = ROOT / "tests" / "benchmarks" / "bench_core.py"
-    others = ("PIL", "open3d", "laspy", "pye57", "typer", "rich", "ray", "httpx", "pydantic", "panoloc.service")
+    others = (
+        "PIL",
+        "zstandard",
+        "open3d",
+        "laspy",
+        "pye57",
+        "typer",
+        "rich",
+        "ray",
+        "httpx",
+        "pydantic",
+        "panoloc.service",
+    )
     program = (
         "import runpy, sys\n"
         f"sys.modules.update(dict.fromkeys({others!r}))\n"
