@@ -42,34 +42,28 @@ def scores_of_maps(
     is told by patches.
     """
     rotations = _rotations(lines, str(maps[0].steps.device), max_tilt, config)
-    scores = (_by_patches if is_wide else _by_pixels)(rig, rotations, maps)
-    owner = torch.arange(len(maps), device=scores.device).repeat_interleave(_sizes(maps).to(scores.device))
+    sizes = torch.tensor([len(one) for one in maps])
+    scores = (_by_patches if is_wide else _by_pixels)(rig, rotations, maps, sizes)
+    owner = torch.arange(len(maps), device=scores.device).repeat_interleave(sizes.to(scores.device))
     return scores.new_full((len(maps),), -math.inf).scatter_reduce(0, owner, scores, "amax")
 
 
-def _sizes(maps: Sequence[RetrievalVectors]) -> Tensor:
-    """Return how many starts (M,) maps have."""
-    return torch.tensor([len(one) for one in maps])
-
-
-def _by_patches(rig: DescribedRig, rotations: Tensor, maps: Sequence[RetrievalVectors]) -> Tensor:
-    """Return how much (N,) patches agree with each start of all maps, under the best rotation."""
+def _by_patches(rig: DescribedRig, rotations: Tensor, maps: Sequence[RetrievalVectors], sizes: Tensor) -> Tensor:
+    """Return how much (N,) patches agree with each start of all maps, which have so many (M,), under the best rotation."""
     basis = retrieval_basis()[0].to(rotations.device)
     patches = rig.patches(basis, HALVINGS)
     quarter = math.pi / 2
-    azimuths = [math.atan2(float(one.axes[0, 1]), float(one.axes[0, 0])) for one in maps]
-    turns = [round(azimuth / quarter * _TURNS) % _TURNS for azimuth in azimuths]
-    known = sorted(set(turns))
+    axes = torch.stack([one.axes[0] for one in maps])
+    turns = (axes[:, 1].atan2(axes[:, 0]) / quarter * _TURNS).round().long() % _TURNS
+    known, numbers = torch.unique(turns, return_inverse=True)
     queries = torch.stack(
-        [_vectors_of(patches, _about_z(turn * quarter / _TURNS).to(rotations) @ rotations) for turn in known]
+        [_vectors_of(patches, _about_z(turn * quarter / _TURNS).to(rotations) @ rotations) for turn in known.tolist()]
     )
     # So finely that sums of products of them and of steps fit into 32 bits.
     most = torch.iinfo(torch.int32).max // (torch.iinfo(torch.int8).max * queries.shape[-1])
     step = queries.abs().max().clamp_min(1e-9) / most
     queries = (queries / step).round()
-    numbers = torch.tensor([known.index(turn) for turn in turns])
     if has_kernels_for(queries):
-        sizes = _sizes(maps)
         best, addresses = queries.new_empty(int(sizes.sum())), torch.tensor([one.steps.data_ptr() for one in maps])
         given = addresses, sizes, sizes.cumsum(0) - sizes, numbers, len(maps)
         call("retrieval_by_patches", *given, queries.to(torch.int16), *queries.shape[1:], best)
@@ -79,13 +73,13 @@ def _by_patches(rig: DescribedRig, rotations: Tensor, maps: Sequence[RetrievalVe
     return best * torch.cat([one.scale for one in maps]) * step
 
 
-def _by_pixels(rig: DescribedRig, rotations: Tensor, maps: Sequence[RetrievalVectors]) -> Tensor:
-    """Return the share (N,) of pixels' levels that agree with each start of all maps, under the best rotation."""
+def _by_pixels(rig: DescribedRig, rotations: Tensor, maps: Sequence[RetrievalVectors], sizes: Tensor) -> Tensor:
+    """Return the share (N,) of pixels' levels that agree with each start of all maps, which have so many (M,), under the best rotation."""
     directions, colors, solid = rig.large_pixels
     chosen = _evenly_spread(solid)
     own, towards = levels_of(colors[chosen]), directions[chosen] @ rotations.mT  # (R, S, 3), in the axes of walls
     if has_kernels_for(towards):
-        sizes, addresses = _sizes(maps), torch.tensor([one.levels.data_ptr() for one in maps])
+        addresses = torch.tensor([one.levels.data_ptr() for one in maps])
         off = towards.new_empty(int(sizes.sum()))
         given = addresses, sizes, sizes.cumsum(0) - sizes, torch.stack([one.axes for one in maps]), len(maps), ROWS
         call("retrieval_by_pixels", *given, own, towards, *towards.shape[:2], _MOST_OFF, off)
