@@ -278,8 +278,8 @@ class SearchConfig:
     # What a round proposes.
     num_candidates: int = 32  # of which a quarter is looked at first
     pool: int = 2500  # poses that candidates are chosen from
-    # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first a quarter of the number of
-    # candidates, and then the others where no answer is sure; by rigs that show little all at once.
+    # Of many maps those are searched that retrieval likes best (see `panoloc.core.many_maps`): first an eighth of the number of
+    # candidates, and then the others where no answer is sure.
     most_maps: int = 64
     # Maps look alike where one scores so much of what another scores for a view of that. The other scan of an equal room scored 0.91 to 1
     # in 50 views. The best of 900 other maps scored 0.7 in the median of 90 views, and more than 0.9 in a tenth of them.
@@ -293,7 +293,7 @@ class SearchConfig:
     @property
     def first_maps(self) -> int:
         """Return how many of many maps are searched first."""
-        return max(1, self.num_candidates // 4)
+        return max(1, self.num_candidates // 8)
 
     def look_alikes(self, scores: Sequence[float], number: int) -> list[int]:
         """Return the numbers of other maps that look from somewhere as map `number` does from where a view of it was taken, best first: no

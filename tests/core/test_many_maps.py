@@ -29,7 +29,7 @@ def with_limits(first: int, most_maps: int) -> Localizer:
     """Return a localizer that looks at so many maps first, and at no more than that."""
     config = LocalizerConfig()
     return Localizer(
-        replace(config, search=replace(config.search, num_candidates=4 * first, most_maps=most_maps)), "cpu"
+        replace(config, search=replace(config.search, num_candidates=8 * first, most_maps=most_maps)), "cpu"
     )
 
 
