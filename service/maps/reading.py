@@ -5,28 +5,42 @@ from dataclasses import replace
 from typing import Any
 
 from panoloc.core.earth.georeference import coordinate_system
+from panoloc.core.errors import ScanDamagedError, ScanFormatError, ScanTooLargeError
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan.frame import unit_of
 from panoloc.service.maps.record import MapRecord, Revision
+from panoloc.service.problems import CORE_PROBLEMS
+
+# Of files that no other unit or axes mend.
+_UNREADABLE = {CORE_PROBLEMS[kind].type for kind in (ScanFormatError, ScanDamagedError, ScanTooLargeError)}
+
+
+def revision_to_read(record: MapRecord) -> Revision:
+    """Return the revision whose scan is read in another way: the newest, or the serving one if the newest file is unusable."""
+    failure = (record.newest.error or {}).get("type")
+    return record.serving if record.serving is not None and failure in _UNREADABLE else record.newest
 
 
 def wanted_reading(record: MapRecord, given: Mapping[str, Any]) -> ScanOptions:
-    """Return how the newest scan of a map is to be read. given: options of it that were sent."""
-    return replace(record.newest.options.scan, **given, coordinate_system=record.coordinate_system)
+    """Return how the scan of `revision_to_read` is to be read. given: options of it that were sent."""
+    return replace(revision_to_read(record).options.scan, **given, coordinate_system=record.coordinate_system)
 
 
 def with_stated(record: MapRecord, given: Mapping[str, Any]) -> MapRecord:
-    """Return a map with options that only state how its newest scan is read already, without the questions that they answer.
+    """Return a map with options that only state how its scan is read already, without the questions that they answer.
 
     Where they alter the reading, the same map is returned.
     """
-    newest, wanted = record.newest, wanted_reading(record, given)
-    if wanted == newest.options.scan or is_read_otherwise(newest, wanted):
+    former, wanted = revision_to_read(record), wanted_reading(record, given)
+    if wanted == former.options.scan or is_read_otherwise(former, wanted):
         return record
     stated = {"unit": wanted.unit, "height_unit": _height_unit(wanted, wanted.unit), "up_axis": wanted.up_axis}
-    doubts = [each for each in newest.diagnostics if not _is_answered(each, stated)]
-    newest = replace(newest, options=replace(newest.options, scan=wanted), diagnostics=doubts)
-    return replace(record, newest=newest, serving=newest if newest.status == "ready" else record.serving)
+    doubts = [each for each in former.diagnostics if not _is_answered(each, stated)]
+    noted = replace(former, options=replace(former.options, scan=wanted), diagnostics=doubts)
+    is_newest, is_serving = record.newest == former, record.serving == former
+    return replace(
+        record, newest=noted if is_newest else record.newest, serving=noted if is_serving else record.serving
+    )
 
 
 def is_read_otherwise(revision: Revision, wanted: ScanOptions) -> bool:

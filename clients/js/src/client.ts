@@ -69,7 +69,7 @@ class Maps {
     return (await request(this.#access, "GET", `/maps/${part(id)}`, undefined, sending)).json() as Promise<ScanMap>;
   }
 
-  /** Return the map once it is `ready` or `failed`. */
+  /** Return the map once its newest scan is `ready` or `failed`. A failed one with a `serving_revision` answers queries in that. */
   wait(id: string, onUpdate?: (map: ScanMap) => void, sending?: Sending): Promise<ScanMap> {
     return poll(() => this.get(id, sending), ({ status }) => status === "ready" || status === "failed", onUpdate, sending?.signal);
   }

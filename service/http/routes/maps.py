@@ -20,7 +20,7 @@ from panoloc.service.http.schemas.maps import MapPatch
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import LONGEST_TAG
-from panoloc.service.maps.reading import is_read_otherwise, wanted_reading, with_stated
+from panoloc.service.maps.reading import is_read_otherwise, revision_to_read, wanted_reading, with_stated
 from panoloc.service.maps.record import MapRecord, map_document
 from panoloc.service.maps.selection import check_in_its_system
 from panoloc.service.services import Services, services_of
@@ -81,8 +81,9 @@ async def patch_map(
 ) -> Response:
     """Change the given fields; the others stay unchanged.
 
-    If another unit or up axis changes the map, the stored scan is registered again as a new revision. The old one answers
-    queries until that is ready. What the scan is read as already is only noted, and answers the question about it.
+    If another unit or up axis changes the map, the stored scan is registered again as a new revision; if the file of a
+    failed revision is unusable, that of the serving one. The old one answers queries until that is ready. What the scan
+    is read as already is only noted, and answers the question about it.
 
     With `If-Match` the map changes only if it still has that version; otherwise the answer is 412.
     """
@@ -95,13 +96,15 @@ async def patch_map(
     def changed(record: MapRecord) -> MapRecord:
         """Return the map as it is to be."""
         record = replace(record, **changes)
-        if changes.get("coordinate_system") and not is_read_otherwise(record.newest, wanted_reading(record, given)):
+        if changes.get("coordinate_system") and not is_read_otherwise(
+            revision_to_read(record), wanted_reading(record, given)
+        ):
             check_in_its_system(record)
         return with_stated(record, given)
 
     record = await services.registry.change(map_id, changed, version)
     reading = wanted_reading(record, given)
-    if is_read_otherwise(record.newest, reading):
+    if is_read_otherwise(revision_to_read(record), reading):
         record = await read_again(request, map_id, reading)
     note_change(request, "map changed", map_id)
     return JSONResponse((await documents(services, [record]))[0], headers=_tag(record))

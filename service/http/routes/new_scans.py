@@ -24,6 +24,7 @@ from panoloc.service.http.uploads import Form, PartRule, SpooledFile, read_form
 from panoloc.service.http.validation import limited_by, parse_json
 from panoloc.service.jobs import MapRef, RegisterOptions, new_id, now
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
+from panoloc.service.maps.reading import revision_to_read
 from panoloc.service.maps.record import MapRecord, Revision, map_document
 from panoloc.service.services import Services, services_of
 from panoloc.service.storage import Storage
@@ -97,8 +98,8 @@ async def put_scan(request: Request, map_id: str) -> Response:
         given = parse_json(ScanOptions, form.options(), "options")
         scan = await _checked_scan(form, services)
 
-        async def store(ref: MapRef, former: Revision) -> Revision:
-            return await _store(services, ref, scan, given.over(former.options))
+        async def store(ref: MapRef, record: MapRecord) -> Revision:
+            return await _store(services, ref, scan, given.over(record.newest.options))
 
         return _accepted(await _replaced(request, map_id, store))
 
@@ -107,7 +108,8 @@ async def read_again(request: Request, map_id: str, reading: options.ScanOptions
     """Register the stored scan of a map again, read in another way, as a new revision; return the map."""
     services = services_of(request)
 
-    async def store(ref: MapRef, former: Revision) -> Revision:
+    async def store(ref: MapRef, record: MapRecord) -> Revision:
+        former = revision_to_read(record)
         copy = await asyncio.to_thread(_copied, services.storage, former.scan_key)
         try:
             name = PurePosixPath(former.scan_key).name
@@ -131,13 +133,13 @@ def _copied(storage: Storage, key: str) -> Path:
 
 
 async def _replaced(
-    request: Request, map_id: str, store: Callable[[MapRef, Revision], Awaitable[Revision]]
+    request: Request, map_id: str, store: Callable[[MapRef, MapRecord], Awaitable[Revision]]
 ) -> MapRecord:
-    """Store a new revision of a map and begin its registration; return the map. store: makes it from the newest one."""
+    """Store a new revision of a map and begin its registration; return the map. store: makes it from the map."""
     services = services_of(request)
     async with services.registry.new_revision(map_id) as ref:
         try:
-            revision = await store(ref, services.registry.get(map_id).newest)
+            revision = await store(ref, services.registry.get(map_id))
             services.registry.check_new_revision(ref)
             replaced, record = await _replace(services, map_id, revision)
         except BaseException:

@@ -15,10 +15,11 @@ from panoloc.core.options import IndexOptions, ScanOptions
 from panoloc.service.errors import CacheDownError
 from panoloc.service.http.schemas.known_map import Map, MapPage
 from panoloc.service.limits.registration_limits import RegistrationLimits
-from tests.service.http.fake_pool import IN_UTM, PNG, no_worker
+from tests.service.http.fake_pool import IN_UTM, PNG, no_worker, ply_of
 from tests.service.http.running_service import SCAN, RunningService
 
 pytestmark = pytest.mark.anyio
+OTHER_SCAN = ply_of([(0.0, 0.0, 0.0), (2.0, 2.0, 2.0)])
 
 
 async def test_an_upload_is_answered_with_the_map_and_where_to_poll(running: RunningService) -> None:
@@ -277,6 +278,32 @@ async def test_a_new_scan_that_fails_leaves_the_old_one_serving(running: Running
     body = await running.settled(map_id)
     assert (body["status"], body["serving_revision"], body["revision"]) == ("failed", 1, 2)
     assert (await running.localize(map_id)).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("error", "read"), [(ScanDamagedError("cut off"), SCAN), (ScanContentError("900 km high: in mm?"), OTHER_SCAN)]
+)
+async def test_patch_after_a_failed_revision_reads_its_scan_again_or_the_serving_one_where_it_is_damaged(
+    running: RunningService, error: Exception, read: bytes
+) -> None:
+    map_id = await running.ready_map('{"unit": "cm"}')
+    running.pool.fail_register = [error]
+    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", OTHER_SCAN)})
+    assert (await running.settled(map_id))["status"] == "failed"
+    # What the serving scan is read as already brings back no registration of a damaged one.
+    assert (await running.client.patch(f"/maps/{map_id}", json={"unit": "cm"})).json()["revision"] == 2
+    assert (await running.client.patch(f"/maps/{map_id}", json={"unit": "m"})).json()["revision"] == 3
+    await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 3)
+    job = running.pool.registrations[-1]
+    assert running.storage.read(job.scan_key) == read
+    assert job.options.scan.unit == "m"
+
+
+@pytest.mark.parametrize(("scan", "status"), [(b"ply", 415), (SCAN[:-1], 422)])
+async def test_a_new_scan_is_checked_as_a_first_one(running: RunningService, scan: bytes, status: int) -> None:
+    map_id = await running.ready_map()
+    assert (await running.upload(scan, "a.ply")).status_code == status
+    assert await running.status("PUT", f"/maps/{map_id}/scan", files={"file": ("a.ply", scan)}) == status
 
 
 async def test_deleting_a_map_leaves_nothing_of_it(running: RunningService, redis_client: "redis.Redis") -> None:
