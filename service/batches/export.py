@@ -40,9 +40,18 @@ class PlacedBatch:
 
 
 def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | None) -> str:
-    """Return the map whose photos are exported: the wanted or the only one. Raises ExportRefusedError for several."""
+    """Return the map whose photos are exported: the wanted or the only one.
+
+    Raises ExportRefusedError for several, and for a wanted one that is none of the batch.
+    """
     found = maps_of(results.values())
     if wanted is not None:
+        known = sorted({*record.map_ids, *found})
+        if wanted not in known:
+            raise ExportRefusedError(
+                f"map_id: expected a map of the batch, {' or '.join(known) or 'and it has none yet'}, got {wanted!r}; choose "
+                "another, or none"
+            )
         return wanted
     if len(found) > 1:
         raise ExportRefusedError(

@@ -361,6 +361,19 @@ async def test_a_map_that_is_deleted_while_its_batch_runs_fails_the_rest_and_wha
     assert "the map was deleted" in model.read("unplaced.txt").decode()
 
 
+@pytest.mark.parametrize("path", ["export?format=plan&", "plan.png?"])
+async def test_a_map_that_is_none_of_the_batch_is_refused_with_those_that_are(
+    running: RunningService, path: str
+) -> None:
+    other = await running.ready_map()
+    map_id, batch_id = await running.placed("a.png")
+    for wrong in ("map_nope", other):
+        reply = await running.client.get(f"/batches/{batch_id}/{path}map_id={wrong}")
+        assert (reply.status_code, map_id in reply.json()["detail"]) == (422, True)
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
+    assert await running.status("GET", f"/batches/{batch_id}/{path}map_id={map_id}") == 200
+
+
 @pytest.mark.parametrize(("name", "saved"), [("Büro / 2. Stock", "B_ro_2._Stock-tum.zip"), ("…", "-tum.zip")])
 async def test_an_export_is_saved_under_the_name_of_its_batch(running: RunningService, name: str, saved: str) -> None:
     _, batch_id = await running.placed("a.png")

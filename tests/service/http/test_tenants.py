@@ -6,9 +6,7 @@ import zipfile
 from collections.abc import AsyncIterator
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from panoloc.service.keys.caller import Scope
 from panoloc.service.keys.key_file import KeyFile
@@ -135,21 +133,25 @@ async def test_a_batch_is_there_for_its_tenant_alone(callers: Callers) -> None:
 
 @pytest.mark.slow
 async def test_an_export_and_a_plan_show_nothing_of_maps_of_others_by_name(callers: Callers) -> None:
-    own, other = await callers["museum"].ready_map(), await callers["school"].ready_map()
-    made = await callers["museum"].post_batch(own, "a.png")
-    path = f"/batches/{made.json()['id']}"
-    exports = {}
-    for map_id in (own, other, "map_none"):
-        reply = await callers["museum"].client.get(f"{path}/export?format=colmap&map_id={map_id}")
+    museum, school = callers["museum"], callers["school"]
+    shared, other = await school.ready_map(), await school.ready_map()
+    await school.client.patch(f"/maps/{shared}", json={"shared_with": ["museum"]})
+    _, batch_id = await museum.placed("a.png", map_id=shared)
+    plans = []
+    for tenants, points in ((["museum"], 11), ([], 1)):
+        await school.client.patch(f"/maps/{shared}", json={"shared_with": tenants})
+        reply = await museum.client.get(f"/batches/{batch_id}/export?format=colmap&map_id={shared}")
         with zipfile.ZipFile(io.BytesIO(reply.content)) as archive:
-            exports[map_id] = len(archive.read("points3D.txt").splitlines())
-    assert exports == {own: 11, other: 1, "map_none": 1}
-    shown = []
-    for map_id in (other, "map_none"):
-        reply = await callers["museum"].client.get(f"{path}/plan.png?map_id={map_id}")
-        with Image.open(io.BytesIO(reply.content)) as plan:
-            shown.append(np.asarray(plan.convert("RGB"))[:500])  # without the name below
-    assert np.array_equal(shown[0], shown[1])
+            assert len(archive.read("points3D.txt").splitlines()) == points
+        plans.append((await museum.client.get(f"/batches/{batch_id}/plan.png?map_id={shared}")).content)
+    await school.client.delete(f"/maps/{shared}")
+    plans.append((await museum.client.get(f"/batches/{batch_id}/plan.png?map_id={shared}")).content)
+    assert plans[0] != plans[1] == plans[2]
+    # One that is not there is refused in the same words as one of others.
+    for path in ("export?format=colmap&", "plan.png?"):
+        replies = [await museum.client.get(f"/batches/{batch_id}/{path}map_id={each}") for each in (other, "map_none")]
+        assert [reply.status_code for reply in replies] == [422, 422]
+        assert replies[0].json()["detail"].replace(other, "map_none") == replies[1].json()["detail"]
 
 
 async def test_the_last_problems_are_shown_to_who_sees_all_maps(callers: Callers) -> None:
