@@ -90,7 +90,12 @@ def check_control(
         words = str(_explained(error, used, grid, undulation_m))
         return ControlCheck(True, as_is, None, words, None, words, None, tuple(warnings))
     why = None
-    if georeference is None:
+    if georeference is None and as_is is not None and place.get("coordinate_system") is not None:
+        why = (
+            f"the map's positions are coordinates of {coordinate_system(place['coordinate_system']).name} already, so there is "
+            "nothing to apply; the residuals as the map stands say how well it fits"
+        )
+    elif georeference is None:
         away_km = np.linalg.norm(positions.mean(axis=0)) / 1000
         why = (
             f"the points lie {away_km:.0f} km from the map's origin, so its positions are coordinates of a grid; set the map's "

@@ -82,6 +82,12 @@ def test_a_map_in_a_grid_is_compared_with_the_grid_and_gets_no_georeference() ->
     found = checked(plain(CORNERS + GRID, CORNERS + GRID + [0.01, 0, 0]), coordinate_system="EPSG:25832")
     assert found.as_is is not None
     assert np.linalg.norm(found.as_is[:, :2], axis=1) == pytest.approx([0.01] * 4, abs=1e-4)
+    assert found.georeference is None
+    assert "coordinates of ETRS89 / UTM zone 32N already, so there is nothing to apply" in (found.no_georeference or "")
+
+
+def test_a_map_in_a_grid_that_is_not_known_is_asked_for_its_coordinate_system() -> None:
+    found = checked(plain(CORNERS + GRID, CORNERS + GRID), "EPSG:25832")
     assert (found.georeference, "set the map's coordinate_system" in (found.no_georeference or "")) == (None, True)
 
 

@@ -248,6 +248,20 @@ def test_a_picture_is_no_table_of_points(panoloc: Panoloc, fake: FakeService, tm
     assert (done.code, "expected a table of text" in done.said, fake.requests) == (ExitCode.USAGE, True, [])
 
 
+@pytest.mark.parametrize(("system", "code"), [("EPSG:25832", ExitCode.OK), (None, ExitCode.ERROR)])
+def test_a_map_in_a_grid_has_its_place_and_nothing_is_applied(
+    panoloc: Panoloc, fake: FakeService, system: str | None, code: int
+) -> None:
+    why = "the map's positions are coordinates of a grid already, so there is nothing to apply"
+    fit = CONTROL_EXAMPLE["fit"] | {"georeference": None}
+    report = {**CONTROL_EXAMPLE, "as_is": fit, "fit": fit, "no_georeference": why}
+    place = READY_MAP | {"coordinate_system": system}
+    fake.on_request = lambda request: httpx.Response(200, json=report if "control" in request.url.path else place)
+    done = panoloc("maps", "control-points", "map_1", "--apply")
+    assert (done.code, {method for method, _ in fake.requests}) == (code, {"GET"})
+    assert "nothing to apply" in " ".join(done.err.split())
+
+
 def test_points_that_give_no_place_leave_the_map_as_it_is(panoloc: Panoloc, fake: FakeService) -> None:
     why = "points: expected 3 or more points with a place in the scan, got 1; click more of them in the scan"
     report = {**CONTROL_EXAMPLE, "fit": None, "no_fit": why, "no_georeference": why}
