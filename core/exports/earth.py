@@ -52,7 +52,7 @@ def write_arcgis(tour: Tour) -> Iterator[ExportedFile]:
         angles = true_angles if grid is None else photo_angles(photo.map_from_camera.rotation)
         on_globe = [place.longitude_deg, place.latitude_deg, place.height_m]
         position = on_globe if grid is None else photo.map_from_camera.position.tolist()
-        named = [str(grid or _WGS84), photo.name, photo.name, _time_text(tour, photo)]
+        named = [str(grid or _WGS84), photo.name, photo.name, _time_text(photo)]
         turns = angles.heading_deg, 90.0 + angles.elevation_deg, angles.roll_deg
         table.writerow([*(plain(value, 12) for value in position), *named, *map(plain, turns), "360", "180", "360"])
     yield ExportedFile("oriented_imagery.csv", out.getvalue().encode())
@@ -112,7 +112,7 @@ def write_geojson(tour: Tour) -> Iterator[ExportedFile]:
             "geometry": {"type": "Point", "coordinates": _coordinates(place)},
             "properties": {
                 "name": photo.name,
-                "time": None if photo.time_unix_s is None else _time_text(tour, photo),
+                "time": _time_text(photo) or None,
                 **asdict(angles),
                 "north": "true",
                 "height_m": place.height_m,
@@ -166,15 +166,15 @@ def _place(tour: Tour, photo: PlacedPhoto) -> EarthPose:
 
 def _stac_time(tour: Tour, photo: PlacedPhoto) -> dict[str, str | None]:
     if photo.time_unix_s is None or not photo.is_local_time:
-        return {"datetime": _time_text(tour, photo)}
+        return {"datetime": _time_text(photo) or _text_of(tour.created_unix_s)}
     bounds = (_text_of(photo.time_unix_s - 3600 * ahead) for ahead in _OFFSETS_H)
     return {"datetime": None, **dict(zip(("end_datetime", "start_datetime"), bounds, strict=True))}
 
 
-def _time_text(tour: Tour, photo: PlacedPhoto) -> str:
-    """Return when a photo was taken, or else placed, as RFC 3339 in UTC; without the Z where it is local time (ISO 8601)."""
+def _time_text(photo: PlacedPhoto) -> str:
+    """Return when a photo was taken as RFC 3339 in UTC, without the Z where it is local time (ISO 8601); empty if that is not known."""
     if photo.time_unix_s is None:
-        return _text_of(tour.created_unix_s)
+        return ""
     text = _text_of(photo.time_unix_s)
     return text.removesuffix("Z") if photo.is_local_time else text
 

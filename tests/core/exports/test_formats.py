@@ -130,6 +130,17 @@ def test_without_all_times_photos_are_numbered_in_their_order() -> None:
     assert [line.split("\t")[1] for line in table.content.decode().splitlines()] == ["time", "0", "1"]
 
 
+def test_a_photo_without_a_time_has_none_but_in_stac_which_takes_when_it_was_placed(tmp_path: Path) -> None:
+    (photo,) = golden_tour().photos
+    tour = replace(golden_tour(), photos=(replace(photo, time_unix_s=None),), created_unix_s=86400.0)
+    heading, row = (written("arcgis", tour, tmp_path) / "oriented_imagery.csv").read_text().splitlines()
+    assert dict(zip(heading.split(","), row.split(","), strict=True))["AcquisitionDate"] == ""
+    (feature,) = document_of("geojson", tour, tmp_path, "photos.geojson")["features"]
+    assert feature["properties"]["time"] is None
+    (item,) = document_of("stac", tour, tmp_path, "items.json")["features"]
+    assert item["properties"]["datetime"] == "1970-01-02T00:00:00.000Z"
+
+
 @pytest.mark.parametrize(
     ("offset", "expected"),
     [("+02:00", "2025-06-26T12:03:18.250Z"), ("   :  ", "2025-06-26T14:03:18.250"), ("", "2025-06-26T14:03:18.250")],
