@@ -6,6 +6,7 @@ answer of the search, which stays stored beside it.
 
 import asyncio
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -36,12 +37,14 @@ from panoloc.service.batches.hand_evidence import (
     contradictions,
     of_engine,
     of_pairs,
+    outside,
     uncompared,
 )
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.batches.store import BatchStore
 from panoloc.service.jobs import MapRef, QueryImage, new_id
 from panoloc.service.localizations import Localizations, LocalizeRequest
+from panoloc.service.maps.record import bounds_of
 from panoloc.service.maps.selection import MapChoice, serving_ref
 from panoloc.service.poses import PlaceOnEarth, geopose, pose_answer
 
@@ -103,11 +106,12 @@ class HandPlacing:
         """Solve and refine, and store nothing. Raises OptionsError for pairs that fix no pose, and what a query raises."""
         registry = self._localizations.registry
         await registry.find([by_hand.map_id])
-        ref = serving_ref(registry.seen_by(record.tenant).get(by_hand.map_id))
+        found_map = registry.seen_by(record.tenant).get(by_hand.map_id)
+        ref, bounds = serving_ref(found_map), bounds_of(found_map)
         data = await self._store.image(record.id, number)
         seen, camera = await self._shown(record, number, data)
         guesses = await asyncio.to_thread(_guesses, by_hand, seen)
-        photo = _Photo(record, seen, camera, by_hand.pairs, registry.georeferences([ref]).get(ref.id), ref)
+        photo = _Photo(record, seen, camera, by_hand.pairs, registry.georeferences([ref]).get(ref.id), ref, bounds)
         answers = [await self._refined(photo, data, guess, by_hand, request_id) for guess in guesses[:_MOST_REFINED]]
         found = [(guess, *refined) for guess, refined in zip(guesses, answers, strict=False) if refined is not None]
         if not found:
@@ -187,7 +191,10 @@ class _Guess:
 
 @dataclass(frozen=True)
 class _Photo:
-    """The photo and the map in which it is placed. camera: as described, None where the file says it. place: of the map on Earth."""
+    """The photo and the map in which it is placed. camera: as described, None where the file says it. place: of the map on Earth.
+
+    bounds: of its scan.
+    """
 
     record: BatchRecord
     seen: ShownCamera
@@ -195,6 +202,7 @@ class _Photo:
     pairs: Pairs | None
     place: PlaceOnEarth | None
     ref: MapRef
+    bounds: Mapping[str, Sequence[float]] | None
 
     def placed(self, pose: Pose, evidence: Evidence, found: ImageCamera | None = None) -> Placed:
         """Return a pose with what speaks for it. found: the camera of a refined pose, which may have another field of view."""
@@ -206,7 +214,8 @@ class _Photo:
             pixels = self.pairs.pixels + self.seen.offset
             off = residuals_px(camera, pose, pixels, self.pairs.points).round(2).tolist()
         shown = pose_answer(pose, self.record.options.frame, self.place)
-        return Placed(shown, off, evidence)
+        warnings = [*evidence.warnings, *outside(pose.position, self.bounds)]
+        return Placed(shown, off, replace(evidence, warnings=warnings))
 
     def answer(self, placed: Placed, engines: Localization | None) -> Localization:
         """Return the answer that the photo gets. engines: of a refined pose."""

@@ -1,10 +1,11 @@
 """What speaks for a pose that a person sets: nothing, the points that were clicked, or the engine; and the doubts, in words."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import PoseError
 from panoloc.core.remarks import Reason, Remark
@@ -23,6 +24,7 @@ _MOST_UNCOMPARED = 0.8
 _RADIUS_68 = 1.08  # of a spread in three dimensions, to its root mean square
 _AWAY = 3.0  # times the residuals of the clicked points, from which on a refined pose contradicts them
 _AWAY_PX = 10.0
+_OUTSIDE_M = 0.5  # from which on a camera is not just at the edge of the scan
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,11 @@ def uncompared(pairs: Evidence) -> Evidence:
 
 
 def of_engine(answer: Localization) -> Evidence:
-    """Return what the engine says for the pose to which it has refined one."""
-    remarks = [Remark(reason, words) for reason, words in zip(answer.reasons, answer.warnings, strict=True)]
+    """Return what the engine says for the pose to which it has refined one. It was given that as a hint, which nobody has sent."""
+    said = zip(answer.reasons, answer.warnings, strict=True)
+    remarks = [Remark(reason, words) for reason, words in said if reason != "widen_hints"]
     if answer.status != "localized":
-        words = (
-            "photo and scan agree too little there for an answer of the search; compare them by eye before you confirm"
-        )
+        words = "photo and scan agree too little there for an answer of the search; compare them by eye"
         remarks.append(Remark("placed_by_hand", words))
     return Evidence(answer.images[0].agreement, answer.confidence, answer.accuracy, remarks)
 
@@ -96,6 +97,16 @@ def checked(pairs: Evidence, answer: Localization, moved: PoseError) -> Evidence
         "placed_by_hand", f"{words}; the accuracy is that of the clicks, and holds only if they show the right points"
     )
     return replace(pairs, confidence=most, warnings=[*pairs.warnings, remark])
+
+
+def outside(position: NDArray[np.float64], bounds: Mapping[str, Sequence[float]] | None) -> list[Remark]:
+    """Return a remark where a camera lies outside of the scan, of these bounds."""
+    if bounds is None:
+        return []
+    away_m = float(np.linalg.norm(position - np.clip(position, bounds["min"], bounds["max"])))
+    if away_m < _OUTSIDE_M:
+        return []
+    return [Remark("placed_by_hand", f"the pose lies {away_m:.1f} m outside of the scan; check its position and frame")]
 
 
 def contradictions(given_px: Sequence[float] | None, refined_px: Sequence[float] | None) -> list[Remark]:

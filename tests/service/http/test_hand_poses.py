@@ -151,6 +151,27 @@ async def test_a_rough_pose_is_refined_there_alone(running: RunningService) -> N
     assert found["better"] == "given"
 
 
+@pytest.mark.parametrize(("x", "outside"), [(12.5, False), (112.4, True)])
+async def test_a_pose_outside_of_the_scan_says_so_and_nothing_of_hints(
+    running: RunningService, x: float, outside: bool
+) -> None:
+    def lost_at(job: LocalizeJob) -> LocalizeOutcome:
+        found = outcome_of(job, Pose(np.eye(3), np.array([x, 4.0, 1.5])), "not_localized")
+        said = {"reasons": ["widen_hints", "check_image"], "warnings": ["widen the hints", "check the image"]}
+        return replace(found, answer=found.answer.model_copy(update=said))
+
+    _, path = await lost_photo(running, lost_at)
+    there = {"position_m": {"x": x, "y": 4, "z": 1.5}, "quaternion": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    body = {"pose": {"frame": "ros", "map_from_camera": there}, "confirm": True}
+    answer = (await running.client.post(path, json=body)).json()["item"]["answer"]
+    words = " ".join(answer["warnings"])
+    assert ("100.0 m outside of the scan" in words) == outside
+    assert ("check the image" in words, "hints" in words, "before you confirm" in words) == (True, False, False)
+    assert answer["reasons"] == ["placed_by_hand", "check_image"]
+    found = (await running.client.post(path, json={**body, "refine": False})).json()
+    assert ("outside of the scan" in " ".join(found["given"]["warnings"])) == outside
+
+
 async def test_a_refined_pose_that_leaves_the_clicked_points_is_doubted(running: RunningService) -> None:
     _, path = await lost_photo(running)
     found = (await running.client.post(path, json={"pairs": pairs()})).json()
