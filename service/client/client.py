@@ -13,12 +13,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Generic, Self, TypeVar
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import httpx
 
 from panoloc.service.client.errors import (
     ApiProblemError,
+    ClientError,
     InvalidKeyError,
     InvalidUrlError,
     MapFailedError,
@@ -42,7 +43,7 @@ _KEY = re.compile(r"[!-~]+")
 
 
 class BaseClient(ABC, Generic[MapT, AnswerT]):
-    """Calls one running service.
+    """Calls one running service. A file that cannot be read raises OSError, as `open` does.
 
     url: where it listens, without a trailing path. api_key: sent as a bearer token when given.
     transport: replaces the network, for tests. Raises InvalidUrlError, InvalidKeyError.
@@ -87,11 +88,11 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         return reply.status_code == 200, json_object(reply)
 
     def register_map(
-        self, scan: Path, options: Mapping[str, Any] | None = None, progress: UploadProgress | None = None
+        self, scan: Path | str, options: Mapping[str, Any] | None = None, progress: UploadProgress | None = None
     ) -> MapT:
         """Upload a scan and return the new map, which answers queries once its status is `ready`."""
         fields = {"options": json.dumps(options)} if options else {}
-        return self._map(self._upload("/maps", [("file", scan, progress)], fields, UPLOAD_READ_TIMEOUT_S))
+        return self._map(self._upload("/maps", [("file", Path(scan), progress)], fields, UPLOAD_READ_TIMEOUT_S))
 
     def get_map(self, map_id: str) -> MapT:
         """Return one map with its status, stage and progress."""
@@ -109,23 +110,23 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
 
     def change_map(self, map_id: str, changes: Mapping[str, Any]) -> MapT:
         """Change fields of a map (`name`, `tags`, `shared_with`, …) and return it."""
-        return self._map(json_object(self._checked("PATCH", f"/maps/{map_id}", json=dict(changes))))
+        return self._map(json_object(self._checked("PATCH", _map_path(map_id), json=dict(changes))))
 
     def make_link(self, map_id: str, service_url: str | None = None) -> JsonObject:
         """Make a link with which phones open a map; see `POST /maps/{id}/links`. service_url: how they reach the service, None: as this
         client does."""
         address = {"service_url": service_url or self.url}
-        return json_object(self._checked("POST", f"/maps/{map_id}/links", json=address))
+        return json_object(self._checked("POST", f"{_map_path(map_id)}/links", json=address))
 
     def control_points(self, map_id: str, body: Mapping[str, Any] | None = None) -> JsonObject:
         """Return the control points of a map with their residuals. body: of `PUT /maps/{id}/control-points`, None to change none."""
-        path = f"/maps/{map_id}/control-points"
+        path = f"{_map_path(map_id)}/control-points"
         reply = self._checked("GET", path) if body is None else self._checked("PUT", path, json=dict(body))
         return json_object(reply)
 
     def delete_map(self, map_id: str) -> None:
         """Delete a map with its scan and its index."""
-        self._checked("DELETE", f"/maps/{map_id}")
+        self._checked("DELETE", _map_path(map_id))
 
     def wait_for_map(
         self, map_id: str, on_update: Callable[[MapT], None] | None = None, timeout_s: float = 3600.0
@@ -158,10 +159,10 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
 
     def localize(
         self,
-        images: Path | Sequence[Path],
+        images: Path | str | Sequence[Path | str],
         map_ids: Sequence[str] = (),
         tag: str | None = None,
-        mask: Path | Sequence[Path] | None = None,
+        mask: Path | str | Sequence[Path | str] | None = None,
         options: Mapping[str, Any] | None = None,
         progress: UploadProgress | None = None,
     ) -> AnswerT:
@@ -172,8 +173,10 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         `timeout_s` the service chooses its timeout, and the client waits without a limit. progress: of each image in
         turn.
         """
+        if not (paths := _paths_of(images)):
+            raise ClientError("images: expected an image, got none; name its file, or those of a session.")
         deadline_s = (options or {}).get("timeout_s")
-        files = [("image", path, progress) for path in _paths_of(images)]
+        files = [("image", path, progress) for path in paths]
         files += [("mask", path, None) for path in _paths_of(mask)]
         wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
         return self._answer(self._upload("/localize", files, _fields(map_ids, tag, options), wait_s))
@@ -215,7 +218,7 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         return path if "://" in path else f"{self.url}{path}"
 
     def _map_document(self, map_id: str) -> JsonObject:
-        return json_object(self._checked("GET", f"/maps/{map_id}"))
+        return json_object(self._checked("GET", _map_path(map_id)))
 
     def _upload(
         self,
@@ -270,13 +273,17 @@ class JsonClient(BaseClient[JsonObject, JsonObject]):
 
 
 def _fields(map_ids: Sequence[str], tag: str | None, options: Mapping[str, Any] | None) -> JsonObject:
-    fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
+    fields: JsonObject = {"map_id": [map_ids] if isinstance(map_ids, str) else list(map_ids)} if map_ids else {}
     fields |= {"tag": tag} if tag else {}
     return fields | ({"options": json.dumps(options)} if options else {})
 
 
-def _paths_of(given: Path | Sequence[Path] | None) -> Sequence[Path]:
-    return [given] if isinstance(given, Path) else given or []
+def _paths_of(given: Path | str | Sequence[Path | str] | None) -> list[Path]:
+    return [Path(given)] if isinstance(given, Path | str) else [Path(each) for each in given or []]
+
+
+def _map_path(map_id: str) -> str:
+    return f"/maps/{quote(map_id, safe='')}"
 
 
 def _check_url(url: str) -> None:

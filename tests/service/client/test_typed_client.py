@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from panoloc import Ambiguous, Localized, Map, NotLocalized, PanolocClient
-from panoloc.service.client import MapFailedError, UnexpectedReplyError
+from panoloc.service.client import ClientError, MapFailedError, UnexpectedReplyError
 from panoloc.service.http.schemas.examples import LOCALIZATION_EXAMPLE, MAP_EXAMPLE
 from tests.service.light_modules import core_modules
 
@@ -65,6 +65,42 @@ def test_a_reply_of_another_version_says_where_it_differs(photo: Path) -> None:
         client.localize(photo, ["map_1"])
     with client_of({"status": "lost"}) as client, pytest.raises(UnexpectedReplyError, match="localized"):
         client.localize(photo, ["map_1"])
+
+
+def test_a_text_is_a_path_and_one_id_is_a_list_of_it(photo: Path) -> None:
+    sent = list[bytes]()
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        sent.append(request.read())
+        return httpx.Response(200, json=LOCALIZATION_EXAMPLE)
+
+    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(answer)) as client:
+        client.localize(str(photo), "map_1", mask=[str(photo)])
+    assert re.findall(rb'name="map_id"\r\n\r\n(.*)\r\n', sent[0]) == [b"map_1"]
+    assert re.findall(rb'name="(image|mask)"; filename="photo.jpg"', sent[0]) == [b"image", b"mask"]
+
+
+def test_no_image_and_a_file_that_is_not_there_are_said_before_anything_is_sent(tmp_path: Path) -> None:
+    with client_of(LOCALIZATION_EXAMPLE) as client:
+        with pytest.raises(ClientError, match="expected an image, got none"):
+            client.localize([], ["map_1"])
+        with pytest.raises(FileNotFoundError):
+            client.localize(tmp_path / "nope.jpg", ["map_1"])
+        with pytest.raises(IsADirectoryError):
+            client.register_map(tmp_path)
+
+
+def test_an_id_is_no_path() -> None:
+    asked = list[bytes]()
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        asked.append(request.url.raw_path)
+        return httpx.Response(200, json=MAP_EXAMPLE)
+
+    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(answer)) as client:
+        client.get_map("../health")
+        client.delete_map("a/b?c")
+    assert asked == [b"/maps/..%2Fhealth", b"/maps/a%2Fb%3Fc"]
 
 
 def test_the_client_loads_neither_torch_nor_numpy_nor_the_server() -> None:
