@@ -33,7 +33,7 @@ export class Panoloc {
   }
 
   /** Find where an image, or several of one session, were taken. `status` of the answer says whether there is a pose. */
-  async localize(images: Blob | readonly Blob[], { masks = [], options, ...place }: Query, sending?: Sending): Promise<Localization> {
+  async localize(images: Blob | readonly Blob[], { masks = [], options, ...place }: Query = {}, sending?: Sending): Promise<Localization> {
     const form = formOf(images, place, options);
     for (const mask of masks) form.append("mask", mask);
     return (await request(this.#access, "POST", "/localize", form, sending)).json() as Promise<Localization>;

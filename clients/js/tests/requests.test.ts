@@ -49,6 +49,11 @@ test("a query that is put off or lost is sent again as the same one", async () =
   assert.notEqual(keys().at(-1), keys()[0]);
 });
 
+test("a query need not name maps", async () => {
+  replies = [answer];
+  assert.equal((await new Panoloc(url).localize(new Blob(["jpeg"]))).id, "loc_1");
+});
+
 test("what is refused is an error with the words of the service", async () => {
   replies = [json(422, { type: "/problems/invalid-options", title: "Invalid", detail: "top_k: expected 1 to 20", request_id: "req_7" })];
   await assert.rejects(localize(new Panoloc(url)), (error) => {
