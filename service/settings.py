@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, AliasChoices, Field, field_validator, model_validator
+from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from panoloc.core.options import MAX_PIXELS, Method, ScanOptions
@@ -148,7 +148,9 @@ class Settings(BaseSettings):
         "commas; `*` for all.",
     )
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Log level.")
+    log_level: Annotated[
+        Literal["debug", "info", "warning", "error"], BeforeValidator(lambda text: str(text).lower())
+    ] = Field("info", description="Log level.")
     log_format: Literal["console", "json"] = Field("console", description="Readable log, or one JSON object per line.")
 
     @model_validator(mode="after")

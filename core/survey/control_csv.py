@@ -111,7 +111,8 @@ def _header(cells: Sequence[str]) -> list[str] | None:
     """Return the columns that a header names, "" for others; None where the first line is a point."""
     columns = [_COLUMN_OF.get(_plain(cell), "") for cell in cells]
     # Of a line of numbers only the name can look like a heading.
-    return columns if any(columns[1:]) or columns[:1] == ["x"] else None
+    has_numbers = any(char.isdigit() for cell in cells[1:] for char in cell)
+    return columns if any(columns[1:]) or columns[:1] == ["x"] or not has_numbers else None
 
 
 def _plain(cell: str) -> str:

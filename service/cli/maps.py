@@ -172,6 +172,8 @@ def share(
             "expected with whom; name tenants (`*` for all, '' for nobody), or make a code for phones",
             param_hint="--with, --qr",
         )
+    if at is not None and not at.lower().startswith(("http://", "https://")):
+        raise typer.BadParameter(f"expected a URL with http:// or https://, got {at!r}", param_hint="--at")
     session = Session.of(ctx, json)
 
     def link_one(client: JsonClient, map_id: str) -> None:

@@ -35,7 +35,9 @@ def serve(
         int | None,
         typer.Option("--workers", min=1, help="Number of workers; default: one per GPU, else one per CPU socket."),
     ] = None,
-    log_level: Annotated[Literal["debug", "info", "warning", "error"] | None, typer.Option(help="Log level.")] = None,
+    log_level: Annotated[
+        Literal["debug", "info", "warning", "error"] | None, typer.Option(case_sensitive=False, help="Log level.")
+    ] = None,
     log_format: Annotated[Literal["console", "json"] | None, typer.Option(help="Readable lines, or JSON.")] = None,
 ) -> int:
     """Start the service in the foreground. Ctrl-C or SIGTERM stops it once running work is done.

@@ -252,6 +252,9 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         except (httpx.ConnectError, httpx.ConnectTimeout) as error:
             if "CERTIFICATE_VERIFY_FAILED" in str(error):
                 raise UntrustedError(self.url) from error
+            # Words of OpenSSL, which differ by version, for an answer that is not TLS.
+            if any(words in str(error) for words in ("WRONG_VERSION_NUMBER", "record layer failure")):
+                raise UnreachableError(self.url, "it speaks http there, not https; use http://") from error
             raise UnreachableError(self.url, reason(error)) from error
         except httpx.TimeoutException as error:
             raise WaitTimeoutError(

@@ -81,5 +81,13 @@ def test_settings_come_from_the_environment_and_arguments_win(monkeypatch: pytes
         Settings()
 
 
+def test_the_log_level_may_have_capitals(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PANOLOC_LOG_LEVEL", "INFO")
+    assert Settings().log_level == "info"
+    monkeypatch.setenv("PANOLOC_LOG_LEVEL", "loud")
+    with pytest.raises(ValidationError, match="'debug', 'info', 'warning' or 'error'"):
+        Settings()
+
+
 def test_keys_are_not_printed_with_the_settings() -> None:
     assert "secret-key" not in repr(Settings(api_keys="secret-key"))

@@ -86,7 +86,7 @@ def export(
             placed = placed_folder.placed()
             written = placed.write_exports(wanted, include_ambiguous, out or folder, scan)
             if written.refusals and stale:
-                written.refusals.append(stale)
+                session.messages.print(f"Note: {stale}", markup=False)
         elif folder.exists():
             placed = _read_answers(folder, Path(maps_folder))
             placed.fetch_maps(client)
@@ -202,7 +202,7 @@ def _refresh(client: JsonClient, folder: PlaceFolder) -> str | None:
         take_hand_placements(client, folder)
         folder.placed().fetch_maps(client, with_points=False)
     except ClientError as error:
-        return f"the export uses what is stored from the time of placing, because {error}"
+        return f"the export uses what is stored from the time of placing; newer data could not be read: {error}"
     return None
 
 

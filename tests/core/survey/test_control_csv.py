@@ -37,6 +37,7 @@ def test_latitudes_and_places_in_the_scan_are_read() -> None:
         ("", "expected lines with control points"),
         ("name,x,y,z\n", "below the header"),
         ("name,x,y\nA,1,2\n", "has no z"),
+        ("a,b\nA,1\n", "has no name, x, y, z"),
         ("name,x,y,z\nA,1,2,3\nA,4,5,6\n", "line 3: expected each name once"),
         (
             "name,x,y,z\nA,1,2,three\nB,4,,6\n",

@@ -162,6 +162,13 @@ def test_a_link_for_phones_is_printed_with_its_code(
     ]
 
 
+def test_an_address_for_phones_without_its_scheme_is_asked_for_it(panoloc: Panoloc, fake: FakeService) -> None:
+    done = panoloc("maps", "share", "map_1", "--qr", "--at", "127.0.0.1:18432")
+    assert (done.code, fake.requests) == (ExitCode.USAGE, [])
+    assert "--at" in done.said
+    assert "http:// or https://" in done.said
+
+
 def test_tenants_change_only_where_they_are_named(panoloc: Panoloc, fake: FakeService) -> None:
     panoloc("maps", "share", "map_1", "--qr", "--with", "museum")
     assert [request[0] for request in fake.requests] == ["PATCH", "POST"]

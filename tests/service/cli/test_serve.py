@@ -28,7 +28,7 @@ def test_options_win_over_the_environment(
     monkeypatch.setenv("PANOLOC_PORT", "9001")
     monkeypatch.setenv("PANOLOC_LOG_FORMAT", "json")
     monkeypatch.setenv("RAY_ADDRESS", "ray.example:6379")
-    done = panoloc("serve", "--port", 9002, "--data-dir", tmp_path, "--workers", 3, "--log-level", "warning")
+    done = panoloc("serve", "--port", 9002, "--data-dir", tmp_path, "--workers", 3, "--log-level", "WARNING")
     assert done.code == 0, done.err
     (settings,) = started_with
     assert settings.port == 9002

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from panoloc import Ambiguous, Localized, Map, NotLocalized, PanolocClient
-from panoloc.service.client import ClientError, MapFailedError, UnexpectedReplyError
+from panoloc.service.client import ClientError, MapFailedError, UnexpectedReplyError, UnreachableError
 from panoloc.service.http.schemas.examples import LOCALIZATION_EXAMPLE, MAP_EXAMPLE
 from tests.service.light_modules import core_modules
 
@@ -88,6 +88,18 @@ def test_no_image_and_a_file_that_is_not_there_are_said_before_anything_is_sent(
             client.localize(tmp_path / "nope.jpg", ["map_1"])
         with pytest.raises(IsADirectoryError):
             client.register_map(tmp_path)
+
+
+@pytest.mark.parametrize("said", ["[SSL: WRONG_VERSION_NUMBER] wrong version number", "[SSL] record layer failure"])
+def test_a_service_without_https_is_said_to_have_none(said: str) -> None:
+    def fail(request: httpx.Request) -> httpx.Response:
+        raise httpx.ConnectError(said)
+
+    with (
+        PanolocClient("https://127.0.0.1:8000", transport=httpx.MockTransport(fail)) as client,
+        pytest.raises(UnreachableError, match="speaks http there, not https; use http://"),
+    ):
+        client.get_map("map_1")
 
 
 def test_an_id_is_no_path() -> None:

@@ -239,6 +239,19 @@ def test_a_format_of_places_on_earth_is_refused_before_the_first_photo_where_the
     assert (out / "geojson").exists()
 
 
+def test_why_an_export_uses_stored_data_is_a_note_and_no_further_error(
+    place: Panoloc, panoloc: Panoloc, fake: FakeService, out: Path
+) -> None:
+    assert place().code == 0
+    fake.at_maps = {"map_1": problem(404, "There is no such map", "expected the id of a map, got 'map_1'")}
+    outcome = panoloc("export", out, "--export", "geojson")
+    assert (outcome.code, outcome.err.count("Error:")) == (EXIT_ERROR, 1)
+    words = " ".join(outcome.err.split())
+    assert (
+        "Note: the export uses what is stored from the time of placing; newer data could not be read: expected" in words
+    )
+
+
 def test_wrong_usage_is_told(place: Panoloc, panoloc: Panoloc, fake: FakeService, photos: Path, out: Path) -> None:
     assert panoloc("place", photos, "--out", out).code == EXIT_USAGE
     assert place("--export", "kml").code == EXIT_USAGE
