@@ -77,7 +77,10 @@ def _image_file(given: Mapping[str, Any], file: Path) -> Path:
     candidates = [file.parent / f"{name}{ending}" for ending in ("", ".png", ".jpg")]
     path = next((each for each in candidates if each.is_file()), None)
     if path is None:
-        raise TransformsError(f"file_path: expected an image beside the file, but there is no {candidates[0]}")
+        raise TransformsError(
+            f"file_path: expected an image beside the file, but there is no {candidates[0]}; put the file into the folder of "
+            "its images"
+        )
     try:
         with path.open("rb") as stream:
             head = stream.read(KIND_BYTES)

@@ -79,6 +79,7 @@ def test_everything_but_the_project_itself_is_installed_by_its_digest(
     done = run([str(installer)], PATH=str(top / "bin"), TORCH_SAYS=pip_says)
     assert done.returncode == code, done.stderr
     assert said in done.stderr
+    assert done.stdout == ("Start the service: .venv/bin/panoloc serve\n" if code == 0 else "")
     record = top / "installed"
     installed = [line for line in record.read_text().splitlines() if "pip install" in line] if record.exists() else []
     assert any(line.endswith("-e .") for line in installed) == (code == 0)

@@ -106,7 +106,7 @@ def test_the_lens_is_that_of_the_frame_or_else_of_the_file(
         (one_frame(w="640"), "w: expected a number, got '640'"),
         (one_frame(fl_x=float("nan")), "fl_x: expected a number, got nan"),
         ({"frames": [{"file_path": "0.jpg", "transform_matrix": GL_ROWS}]}, "w: expected a number, got None"),
-        (one_frame(file_path="missing.jpg"), "there is no"),
+        (one_frame(file_path="missing.jpg"), "missing.jpg; put the file into the folder of its images"),
         (one_frame(file_path=3), "file_path: expected the name"),
         (one_frame(transform_matrix=[[1, 0], [0, 1]]), "transform_matrix: expected 4 x 4 numbers"),
         (one_frame(transform_matrix=None), "transform_matrix: expected 4 x 4 numbers"),
