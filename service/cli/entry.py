@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import httpx
 import typer
 from rich.markup import escape
+from typer.core import TyperGroup
 
 from panoloc.service.cli import certificate, changes, keys, localize, maps, register, serve
 from panoloc.service.cli.exit_codes import ExitCode
@@ -26,8 +27,21 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+class _Commands(TyperGroup):
+    """The commands, with messages about their options in Typer's words alone."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = error.message.removeprefix("Value error, ")  # of pydantic, with which Typer checks values
+            raise
+
+
 app = typer.Typer(
     name="panoloc",
+    cls=_Commands,
     help="Find where a 360° photo was taken inside a scanned place.",
     no_args_is_help=True,
     result_callback=_exit_with,

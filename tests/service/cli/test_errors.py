@@ -113,3 +113,12 @@ def test_wrong_usage_has_its_own_exit_code(panoloc: Panoloc, arguments: list[str
     assert done.code == ExitCode.USAGE
     assert done.err
     assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("arguments", [("changes", "m", "--format", "xml"), ("keys", "make", "a", "--scope", "foo")])
+def test_a_value_that_an_option_does_not_take_is_refused_with_those_that_it_takes(
+    panoloc: Panoloc, arguments: tuple[str, ...]
+) -> None:
+    done = panoloc(*arguments)
+    assert done.code == ExitCode.USAGE
+    assert f"Invalid value for '{arguments[-2]}': '{arguments[-1]}' is not one of" in done.said
