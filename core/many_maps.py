@@ -81,8 +81,8 @@ def localize_among(
     began, few, most = time.monotonic(), search.first_maps, search.most_maps
     ranked, portions, timings_s = list(range(len(maps))), [len(maps)], defaultdict[str, float](float)
     total, is_wide = num_maps or len(maps), True
-    # To look for the likeliest takes as long as to search as many again.
-    if total > 2 * few:
+    # To look for the likeliest takes as long as to search twelve more.
+    if total > max(2 * few, most // 4):
         if num_maps is None:
             scores = torch.tensor(scores_among(localizer, rig, maps.vectors(), hints))
             ranked = scores.argsort(descending=True, stable=True).tolist()

@@ -1,4 +1,4 @@
-"""Plot what `panoloc --json evaluate campus` measured: seconds, memory and recall against the number of maps.
+"""Plot what `panoloc evaluate campus --json` measured: seconds, memory and recall against the number of maps.
 
 `python docs/campus_plot.py docs/campus.svg panorama=panorama.json "six frames"=frames.json`; needs matplotlib, which nothing else does.
 """

@@ -195,8 +195,8 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
         write_record(place.storage, replace(read_record(place.storage, MAP.id), id=each.id))
         store_index(place.storage, each, digest, encoded)
     first, second = (place.worker.localize(query(maps=maps)) for _ in range(2))
-    assert (first.failure, first.index_loads) == (None, {"storage": 8})
-    assert (second.failure, second.index_loads) == (None, {"resident": 8})
+    assert (first.failure, first.index_loads) == (None, {"storage": 4})
+    assert (second.failure, second.index_loads) == (None, {"resident": 4})
     assert first.outcome is not None
     assert first.outcome.answer.search["num_maps"] == 20
     assert first.outcome.answer.map_id in {each.id for each in maps}
