@@ -24,7 +24,7 @@ from panoloc.core.features.patch_descriptors import (
 )
 from panoloc.core.features.patch_histograms import PatchGrid, soft_histograms
 
-_AT_ONCE = 16
+_AT_ONCE = 16  # views
 
 
 @dataclass(frozen=True)

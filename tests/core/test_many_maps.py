@@ -93,6 +93,15 @@ def test_of_few_maps_all_are_searched_at_once() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("count", "first"), [(16, list(range(16))), (17, [16, 0, 1, 2])])
+def test_sixteen_maps_are_searched_at_once_and_of_more_the_four_likeliest(count: int, first: list[int]) -> None:
+    boxes = Boxes(*(OTHER_BOX,) * (count - 1), BOX)
+    found = localize_among(Localizer(device="cpu"), rig_of(panorama()), boxes)
+    assert boxes.asked == first
+    assert best_of(found).map_position == count - 1
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [2, 3])
 def test_where_no_likely_map_fits_others_are_searched_and_those_left_out_are_counted(most: int) -> None:
     boxes = Boxes(OTHER_BOX, SYMMETRIC, BOX)

@@ -1,6 +1,7 @@
 """What registration keeps of a scan, against the same steps taken for one start at a time."""
 
 import itertools
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -14,6 +15,7 @@ from panoloc.core.features.patch_histograms import PatchGrid
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
+from panoloc.core.map.wall_axes import surface_thickness, wall_axes
 from panoloc.core.options import IndexOptions, StartsMethod
 from panoloc.core.render.render_cloud import point_spacing
 from panoloc.core.render.synthetic_view import render_views
@@ -118,3 +120,13 @@ def test_progress_tells_how_many_starts_are_rendered(scan: PointCloud) -> None:
         ("describing views", 0.0),
         ("describing views", 1.0),
     ]
+
+
+def test_axes_of_the_walls_and_how_thick_these_are_belong_to_an_index() -> None:
+    cloud, rng = PaintedBox().scan(20_000), np.random.default_rng(0)
+    turn = np.array([[0.96, -0.28, 0.0], [0.28, 0.96, 0.0], [0.0, 0.0, 1.0]])
+    positions = (cloud.positions @ turn.T + 0.01 * rng.normal(size=cloud.positions.shape)).astype(np.float32)
+    index = build_map_index(replace(cloud, positions=positions), IndexOptions("grid", 2.0), config=CONFIG)
+    torch.testing.assert_close(index.wall_axes, torch.from_numpy(turn.T).float(), atol=0.01, rtol=0)
+    assert torch.equal(index.wall_axes, wall_axes(index.positions))
+    assert index.surface_thickness_m == surface_thickness(index.positions) > 0.005

@@ -116,6 +116,15 @@ def test_more_or_fewer_bytes_than_the_arrays_take_are_refused(data: bytes, extra
         decode_map_index(rewritten(data, lambda header: None, stretched))
 
 
+@pytest.mark.parametrize("place", np.linspace(0, 1, 20, endpoint=False))
+def test_a_bit_that_flipped_in_the_arrays_is_noticed(data: bytes, place: float) -> None:
+    first = PREFIX.size + PREFIX.unpack_from(data)[2]
+    damaged = bytearray(data)
+    damaged[first + int(place * (len(data) - first))] ^= 1
+    with pytest.raises(IndexFormatError, match="damaged"):
+        decode_map_index(bytes(damaged))
+
+
 @pytest.mark.parametrize(
     "name", ["lower", "step", "origin_offset", "spacing", "surface_thickness_m", "num_points_read", "arrays"]
 )
