@@ -252,8 +252,8 @@ def control_points(
                 client.change_map(map_id, {"georeference": found, **stated})
                 report = client.control_points(map_id)
             # Coordinates of a grid need no georeference.
-            is_placed = apply and bool(report["fit"]) and not found and bool(report["as_is"])
-            is_placed = is_placed and client.get_map(map_id)["coordinate_system"] is not None
+            compares = apply and not found and report["fit"] and report["as_is"]
+            is_placed = bool(compares and client.get_map(map_id)["coordinate_system"])
         except ClientError as error:
             return session.show_failure(error, [map_id])
     session.show(report, control_table(report, is_applied=applies))
