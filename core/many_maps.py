@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Protocol
 
 import torch
+from torch import Tensor
 
 from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.geometry.pose import Pose
@@ -123,7 +124,7 @@ def localize_among(
     if found.best is not None and found.status == "localized" and num_maps is None and last < total:
         looking, number = time.monotonic(), found.best.map_position
         view = view_from(loaded[number], found.best.pose, 2 * localizer.config.descriptors.view_height)
-        of_view = scores_among(localizer, view, maps.vectors(), Hints(upright=True))
+        of_view = scores_among(localizer, view, maps.vectors(), None, along_walls=True)
         timings_s["retrieval"] += time.monotonic() - looking
         others = [each for each in search.look_alikes(of_view, number) if each not in ranked[:last]]
         if others:
@@ -134,22 +135,36 @@ def localize_among(
 
 
 def view_from(index: MapIndex, pose: Pose, rows: int) -> Rig:
-    """Return what a map shows all around a pose, as a panorama of so many rows."""
+    """Return what a map shows all around a pose, as a panorama of so many rows that stands upright along the walls of the map."""
     position = torch.from_numpy(pose.position - index.origin_offset).to(index.positions)
     view = render_views(index.render_cloud, position[None], rows, with_points=False)
-    color = (255 * view.color[0]).round().byte().cpu().numpy()
-    return Rig.of_panorama(Panorama(color, view.valid[0].cpu().numpy()))
+    x, y, _ = index.wall_axes[0].tolist()
+    columns = round(math.atan2(y, x) / math.pi * rows)
+    color, valid = (part[0].roll(columns, 1) for part in ((255 * view.color).round().byte(), view.valid))
+    return Rig.of_panorama(Panorama(color.cpu().numpy(), valid.cpu().numpy()))
 
 
-def scores_among(localizer: Localizer, rig: Rig, maps: Sequence[RetrievalVectors], hints: Hints | None) -> list[float]:
-    """Return for each map how much its starts show of what a rig shows; comparable between any maps."""
+def scores_among(
+    localizer: Localizer,
+    rig: Rig,
+    maps: Sequence[RetrievalVectors],
+    hints: Hints | None,
+    *,
+    along_walls: bool = False,
+) -> list[float]:
+    """Return for each map how much its starts show of what a rig shows; comparable between any maps.
+
+    along_walls: the rig stands upright along walls, as a view of `view_from` does.
+    """
     config = localizer.config
     with torch.inference_mode():
         prepared = PreparedRig(rig, None, localizer.device, config)
-        contrast = prepared.lines.contrast(config.search.line_rotations)
-        lines = prepared.lines if contrast >= config.lines.least_contrast else None
-        tilt = _most_tilt(rig, hints, prepared.is_wide, config.search.level_tilt_deg)
-        return scores_of_maps(prepared.described, lines, maps, tilt, prepared.is_wide, config.search).tolist()
+        walls: Tensor | None = torch.eye(3, device=localizer.device)
+        tilt: float | None = 0.0
+        if not along_walls:
+            walls = prepared.lines.best_axes(config.search.line_rotations, config.lines.least_contrast)
+            tilt = _most_tilt(rig, hints, prepared.is_wide, config.search.level_tilt_deg)
+        return scores_of_maps(prepared.described, walls, maps, tilt, prepared.is_wide, config.search).tolist()
 
 
 def _most_tilt(rig: Rig, hints: Hints | None, is_wide: bool, level_tilt_deg: float) -> float | None:

@@ -91,7 +91,8 @@ class LocalizeJob:
     images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
     for the answer after it. georeferences: by map id, of the maps that have one, as `panoloc.core.earth.geopose.geopose_of`
     takes it. share: the name of a part of the maps of a query, of which only the scores are asked for. num_maps: where the maps are the
-    likeliest of so many, best first. keep_photo: a small photo may be kept, in which objects that changed are found.
+    likeliest of so many, best first. along_walls: the image is what a map shows from a place, upright and along its walls. keep_photo: a
+    small photo may be kept, in which objects that changed are found.
     """
 
     localization_id: str
@@ -104,6 +105,7 @@ class LocalizeJob:
     keep_photo: bool = False
     share: str | None = None
     num_maps: int | None = None
+    along_walls: bool = False
 
     @property
     def kind(self) -> str:

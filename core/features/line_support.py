@@ -168,9 +168,13 @@ class LineSupport:
         weights = pixel_solid_angles(self._rows, 2 * self._rows, self._bordered.device)
         return 3 * float((self._bordered[0, 1:-1, 1:-1] * weights).sum() / (4 * math.pi))
 
-    def contrast(self, count: int) -> float:
-        """Return by how much edges agree better with the best turn of axes at right angles, of `count` over all turns, than by chance."""
-        return float(self.of_axes(count).max()) - self.by_chance
+    def best_axes(self, count: int, least_contrast: float) -> Tensor | None:
+        """Return the turn (3, 3) axes_from_rig, of `count` over all turns, that edges agree best with; None where that is by less than the
+        least contrast better than by chance."""
+        best, number = self.of_axes(count).max(0)
+        if float(best) - self.by_chance < least_contrast:
+            return None
+        return rotations_of_axes(count, str(self._bordered.device))[number]
 
     def of_axes(self, count: int) -> Tensor:
         """Return what `of_rotations` returns, (K,), of `rotations_of_axes`, of `count` over all turns."""

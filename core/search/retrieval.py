@@ -15,10 +15,9 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import SearchConfig
-from panoloc.core.features.line_support import LineSupport
 from panoloc.core.features.patch_descriptors import DescribedPatches
 from panoloc.core.geometry.projection import pixels_towards
-from panoloc.core.geometry.rotations import rotations_of, rotations_of_axes, turns_of_axes
+from panoloc.core.geometry.rotations import rotations_of, turns_of_axes
 from panoloc.core.kernels.library import call, has_kernels_for
 from panoloc.core.map.retrieval_vectors import HALVINGS, ROWS, UNSEEN, RetrievalVectors, levels_of, retrieval_basis
 from panoloc.core.search.described_rig import DescribedRig
@@ -30,7 +29,7 @@ _ROTATIONS_AT_ONCE = 64
 
 def scores_of_maps(
     rig: DescribedRig,
-    lines: LineSupport | None,
+    walls: Tensor | None,
     maps: Sequence[RetrievalVectors],
     max_tilt: float | None,
     is_wide: bool,
@@ -38,10 +37,10 @@ def scores_of_maps(
 ) -> Tensor:
     """Return the score (M,) of each map at its best start.
 
-    lines: of the edges of the images; None where these say little. max_tilt: of the rig, radians; None for any. is_wide: whether the rig
-    is told by patches.
+    walls: axes_from_rig (3, 3), along walls as far as edges of the images tell; None where these say little. max_tilt: of the rig, radians;
+    None for any. is_wide: whether the rig is told by patches.
     """
-    rotations = _rotations(lines, str(maps[0].steps.device), max_tilt, config)
+    rotations = _rotations(walls, str(maps[0].steps.device), max_tilt, config)
     sizes = torch.tensor([len(one) for one in maps])
     scores = (_by_patches if is_wide else _by_pixels)(rig, rotations, maps, sizes)
     owner = torch.arange(len(maps), device=scores.device).repeat_interleave(sizes.to(scores.device))
@@ -112,13 +111,9 @@ def _levels_off(own: Tensor, towards: Tensor, one: RetrievalVectors) -> Tensor:
     return torch.cat(least).amin(0)
 
 
-def _rotations(lines: LineSupport | None, device: str, max_tilt: float | None, config: SearchConfig) -> Tensor:
+def _rotations(walls: Tensor | None, device: str, max_tilt: float | None, config: SearchConfig) -> Tensor:
     """Return the rotations (R, 3, 3) axes_from_rig that are tried, tilted no more than allowed where any are not."""
-    if lines is None:
-        tried = rotations_of(config.rotations_with(2), device)
-    else:
-        every = rotations_of_axes(config.line_rotations, device)
-        tried = turns_of_axes(device) @ every[lines.of_axes(config.line_rotations).argmax()]
+    tried = rotations_of(config.rotations_with(2), device) if walls is None else turns_of_axes(device) @ walls
     if max_tilt is None:
         return tried
     allowed = tried[tried[:, 2, 2] >= math.cos(max_tilt)]

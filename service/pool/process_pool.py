@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 from panoloc.core.config import SearchConfig
 from panoloc.core.errors import DeadlineExceededError
-from panoloc.core.options import Hints
 from panoloc.service.errors import NoWorkerError
 from panoloc.service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
 from panoloc.service.jobs import (
@@ -40,7 +39,6 @@ Result = TypeVar("Result")
 
 _MAX_ATTEMPTS, _MAX_REBUILDS = 4, 2
 _SEARCH = SearchConfig()
-_UPRIGHT = Hints(upright=True)
 _WATCH_PERIOD_S = 1.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
 _DRAIN_POLL_S = 0.05
@@ -174,7 +172,7 @@ class ProcessPool:
     ) -> WorkerReply[LocalizeOutcome]:
         """Return the reply to a query that was found in one of its maps, sought anew beside those that look the same, if there are any."""
         view = replace(
-            asked, images=(QueryImage(reply.view),), options=QueryOptions(asked.options.timeout_s, hints=_UPRIGHT)
+            asked, images=(QueryImage(reply.view),), options=QueryOptions(asked.options.timeout_s), along_walls=True
         )
         scored = await self._scored(view, left_out)
         found = _outcome(reply).answer.map_id

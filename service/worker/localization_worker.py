@@ -92,7 +92,8 @@ class _RunningQuery:
         try:
             if self.job.share is not None:
                 vectors = self.maps.vectors()
-                self.scores = tuple(scores_among(self.localizer, query, vectors, wanted.hints))
+                along_walls = self.job.along_walls
+                self.scores = tuple(scores_among(self.localizer, query, vectors, wanted.hints, along_walls=along_walls))
                 return None
             localization = self._localized(query)
         except MissingIndexError as error:

@@ -5,21 +5,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from panoloc.core import many_maps
 from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.pose import Pose
 from panoloc.core.localizer import Localizer
-from panoloc.core.many_maps import localize_among, scores_among
+from panoloc.core.many_maps import localize_among, scores_among, view_from
+from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.map.retrieval_vectors import RetrievalVectors, retrieval_vectors
 from panoloc.core.options import Status
 from panoloc.core.results import Candidate, Localization, SearchSummary
-from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, localized, map_of, panorama, rig_of
+from tests.core.built_maps import BOX, COARSE, OTHER_BOX, POSE, SYMMETRIC, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of
 from tests.core.image.painted_photos import SIDEWAYS, photo_of
-from tests.core.painted_box import PaintedBox
+from tests.core.painted_box import PaintedBox, rotation_of
 
 UNKNOWN = PaintedBox(seed=8, size_m=(3.4, 5.2, 2.7))
 
@@ -140,11 +143,25 @@ def test_maps_that_look_the_same_are_searched_however_unlikely_they_seemed(
 ) -> None:
     rig = rig_of(panorama()) if image == "panorama" else Rig.of_photo(photo_of(SIDEWAYS))
     boxes, likeness = Boxes(OTHER_BOX, BOX, UNKNOWN, BOX, OTHER_BOX), [[0.4, 0.9, 0.8, 0.5, 0.1]]
-    monkeypatch.setattr(many_maps, "scores_among", lambda *given: likeness.pop() if likeness else scores_among(*given))
+    monkeypatch.setattr(
+        many_maps, "scores_among", lambda *given, **how: likeness.pop() if likeness else scores_among(*given, **how)
+    )
     found = localize_among(with_limits(2, most), rig, boxes)
     assert found.status == "ambiguous"
     assert {best_of(found).map_position, *(each.map_position for each in found.alternatives)} == {1, 3}
     assert boxes.asked == [1, 2, 1, 3]
+
+
+def test_a_view_stands_along_the_walls_of_its_map_however_these_stand() -> None:
+    scan, turn = BOX.scan(), rotation_of(20.0)
+    turned = build_map_index(replace(scan, positions=(scan.positions @ turn.T).astype(np.float32)), COARSE)
+    views = [
+        view_from(index, pose, 64).photos[0].color.astype(int)
+        for index, pose in ((map_of(BOX, COARSE), POSE), (turned, Pose(POSE.rotation, turn @ POSE.position)))
+    ]
+    # Walls do not say which of four ways is forward.
+    off = [np.abs(views[0] - np.roll(views[1], quarter * 32, 1)).mean() for quarter in range(4)]
+    assert min(off) < 0.2 * sorted(off)[1]
 
 
 def test_maps_look_alike_that_score_nearly_what_one_scores_for_its_own_view() -> None:

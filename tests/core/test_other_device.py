@@ -61,7 +61,8 @@ def scores_of(rig: Rig, maps: list[RetrievalVectors], device: str) -> list[float
     """Return the scores of maps for a rig, worked out on a device."""
     config = LocalizerConfig()
     prepared = PreparedRig(rig, None, torch.device(device), config)
-    scores = scores_of_maps(prepared.described, prepared.lines, maps, None, prepared.is_wide, config.search)
+    walls = prepared.lines.best_axes(config.search.line_rotations, 0.0)
+    scores = scores_of_maps(prepared.described, walls, maps, None, prepared.is_wide, config.search)
     return [float(score) for score in scores]
 
 

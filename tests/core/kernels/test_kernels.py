@@ -319,7 +319,8 @@ def test_scores_of_maps(both: Numbers, name: str) -> None:
     turn = rotation_from_vector(torch.tensor([0.0, 0.0, 0.3]))
     steps, scale, levels = maps[0].steps[:-7], maps[0].scale[:-7], maps[0].levels[..., :-7].contiguous()
     maps.append(RetrievalVectors(steps, scale, levels, maps[0].axes @ turn))
-    compiled, tensors = both(lambda: scores_of_maps(rig.described, rig.lines, maps, None, rig.is_wide, CONFIG.search))
+    walls = rig.lines.best_axes(CONFIG.search.line_rotations, 0.0)
+    compiled, tensors = both(lambda: scores_of_maps(rig.described, walls, maps, None, rig.is_wide, CONFIG.search))
     assert float(tensors.min()) > 0.1
     torch.testing.assert_close(compiled, tensors, atol=1e-5, rtol=1e-4)
 

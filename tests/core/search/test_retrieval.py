@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.errors import IndexFormatError
-from panoloc.core.features.line_support import LineSupport
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_from_vector, rotations_of
 from panoloc.core.map.retrieval_vectors import (
@@ -42,8 +41,8 @@ def scores(
     rig = PreparedRig(
         rig_of(photo_of(SIDEWAYS, pose) if is_photo else BOX.panorama(pose)), None, torch.device("cpu"), CONFIG
     )
-    lines: LineSupport | None = rig.lines if by_lines else None
-    found: list[float] = scores_of_maps(rig.described, lines, maps, max_tilt, rig.is_wide, CONFIG.search).tolist()
+    walls = rig.lines.best_axes(CONFIG.search.line_rotations, 0.0) if by_lines else None
+    found: list[float] = scores_of_maps(rig.described, walls, maps, max_tilt, rig.is_wide, CONFIG.search).tolist()
     return found
 
 
