@@ -25,7 +25,6 @@ from panoloc.core.geometry.projection import (
 )
 from panoloc.core.geometry.rotations import rotations_of_axes
 from panoloc.core.image.level import VALID_SHARE
-from panoloc.core.image.photo_window import FINEST_ROWS
 from panoloc.core.image.rig_pyramid import RigPyramid, Windows
 from panoloc.core.kernels.library import call, has_kernels_for
 
@@ -51,7 +50,7 @@ def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
 
     Taken from everywhere: the strongest of all are those of one rug or picture, which may hang askew.
     """
-    windows = pyramid.windows(min(FINEST_ROWS // 2, pyramid.finest_rows))
+    windows = pyramid.windows(pyramid.finest_rows // 2)
     magnitude, east, north = _gradients(windows)
     valid = windows.valid > 0
     # Where most of a photo is plain, how fast colours change there is noise.
