@@ -59,6 +59,11 @@ def test_every_dependency_is_locked_at_a_version_that_fits(extras: list[str], fi
     assert unfit == []
 
 
+def test_no_package_is_in_two_files_that_are_installed_side_by_side() -> None:
+    names = [name for file in FILES for name in locked_in(file)]
+    assert sorted(names) == sorted(set(names))
+
+
 @pytest.mark.parametrize("name", sorted(FILES))
 def test_every_line_is_a_package_or_a_digest(name: str) -> None:
     text = FILES[name].read_text(encoding="utf-8")
