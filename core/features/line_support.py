@@ -45,12 +45,13 @@ class Edges:
     length_deg: float = 0.0
 
 
-def edges_of_photos(pyramid: RigPyramid, config: LineConfig) -> Edges:
+def edges_of_photos(pyramid: RigPyramid, most_rows: int, config: LineConfig) -> Edges:
     """Return the strongest edges in each of equal squares of the photos, thinned to one pixel across; few or none where hardly any are.
 
-    Taken from everywhere: the strongest of all are those of one rug or picture, which may hang askew.
+    most_rows: to a sphere, on which they are looked for. Taken from everywhere: the strongest of all are those of one rug or picture, which
+    may hang askew.
     """
-    windows = pyramid.windows(pyramid.finest_rows // 2)
+    windows = pyramid.windows(min(most_rows, pyramid.finest_rows))
     magnitude, east, north = _gradients(windows)
     valid = windows.valid > 0
     # Where most of a photo is plain, how fast colours change there is noise.

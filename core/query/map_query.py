@@ -94,7 +94,7 @@ class PreparedRig:
     @cached_property
     def edges(self) -> Edges:
         """Return the edges of the images."""
-        return edges_of_photos(self.pyramid, self.config.lines)
+        return edges_of_photos(self.pyramid, self.finer * self.config.refinement.fine_rows, self.config.lines)
 
     @cached_property
     def lines(self) -> LineSupport:

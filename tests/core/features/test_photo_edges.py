@@ -36,7 +36,7 @@ def halves() -> NDArray[np.float64]:
 def edges_of(*photos: Photo, poses: tuple[Pose, ...] = ()) -> Edges:
     here = Pose(np.eye(3), np.zeros(3))
     images = tuple(RigImage(*both) for both in zip(photos, poses or (here,), strict=True))
-    return edges_of_photos(RigPyramid(Rig(images), 512, None, "cpu"), replace(CONFIG, edges_in_square=9999))
+    return edges_of_photos(RigPyramid(Rig(images), 512, None, "cpu"), 512, replace(CONFIG, edges_in_square=9999))
 
 
 def angles_deg(normals: Tensor, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -106,6 +106,6 @@ def test_edges_are_taken_from_everywhere() -> None:
     rows, columns = image.shape
     image[: rows // 2, : columns // 2] = np.where(np.arange(columns // 2) % 24 < 12, 0.05, 0.95)
     here = Pose(np.eye(3), np.zeros(3))
-    found = edges_of_photos(RigPyramid(Rig((RigImage(photo(image), here),)), 512, None, "cpu"), CONFIG)
+    found = edges_of_photos(RigPyramid(Rig((RigImage(photo(image), here),)), 512, None, "cpu"), 512, CONFIG)
     step = angles_deg(found.normals, NORMAL) < 3
     assert int(step.sum()) > len(found.normals) / 20

@@ -305,7 +305,7 @@ def test_how_well_images_agree(both: Callable[..., Any], window: SphereWindow, p
 
 
 def test_what_edges_say_of_rotations(both: Numbers) -> None:
-    edges = edges_of_photos(RigPyramid(RIGS["one photo"][0], 512, None, "cpu"), CONFIG.lines)
+    edges = edges_of_photos(RigPyramid(RIGS["one photo"][0], 512, None, "cpu"), 512, CONFIG.lines)
     assert len(edges.normals) > 100
     compiled, tensors = both(lambda: LineSupport(edges, CONFIG.lines).of_rotations(uniform_rotations(500)))
     assert float(tensors.max()) > 0.1

@@ -208,7 +208,8 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
     # Where others know the other maps of the query, they are shown what the map shows from there.
     found = place.worker.localize(replace(query(maps=maps[:9]), num_maps=90))
     assert Image.open(io.BytesIO(found.view)).size == (256, 128)
-    of_view = place.worker.localize(replace(query(maps=maps), images=(QueryImage(found.view),), share="share 0"))
+    shown = replace(query(maps=maps), images=(QueryImage(found.view),), share="share 0", along_walls=True)
+    of_view = place.worker.localize(shown)
     assert of_view.scores[0] > 0.5
     # Those that cannot be read are made again.
     key = key_of(maps[3], stored[3].name)
