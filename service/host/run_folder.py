@@ -9,6 +9,7 @@ from typing import IO
 
 # The path of a Unix socket ends at 107 bytes on Linux, at 103 on macOS; the folder holds `redis.sock`.
 _LONGEST_RUN_PATH = 90
+_PRIVATE = 0o700
 
 
 class DataFolderInUseError(RuntimeError):
@@ -18,6 +19,7 @@ class DataFolderInUseError(RuntimeError):
 class RunFolder:
     """`<data_dir>/run`, or a temporary folder when that path is too long for sockets.
 
+    A data folder that is made here is for its user alone.
     Holds a lock on the data for as long as it is open: an exclusive one, or one that allows others which share the
     data. The kernel drops it when the process ends in any way.
     """
@@ -31,13 +33,14 @@ class RunFolder:
         data_dir = data_dir.resolve()
         own = data_dir / "run"
         try:
-            own.mkdir(parents=True, exist_ok=True)
+            data_dir.mkdir(_PRIVATE, parents=True, exist_ok=True)
+            own.mkdir(exist_ok=True)
         except OSError as error:
             raise OSError(
                 f"expected a data folder that can be created and written, got {data_dir} ({error.strerror}); correct "
                 "PANOLOC_DATA_DIR"
             ) from error
-        own.chmod(0o700)
+        own.chmod(_PRIVATE)
         self._lock = lock_folder(data_dir, is_shared)
         self._is_temporary = len(os.fsencode(own)) > _LONGEST_RUN_PATH
         self.path = Path(tempfile.mkdtemp(prefix="panoloc-")) if self._is_temporary else own
@@ -56,7 +59,8 @@ def lock_folder(folder: Path, is_shared: bool) -> IO[str]:
 
     Raises DataFolderInUseError.
     """
-    (folder / "run").mkdir(parents=True, exist_ok=True)
+    folder.mkdir(_PRIVATE, parents=True, exist_ok=True)
+    (folder / "run").mkdir(exist_ok=True)
     lock = (folder / "run" / "lock").open("a+", encoding="ascii")
     try:
         fcntl.flock(lock, (fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)

@@ -126,7 +126,7 @@ class KeyFile:
         return revoked[0]
 
     def _change(self, update: Callable[[list[StoredKey]], list[StoredKey]]) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.parent.mkdir(0o700, parents=True, exist_ok=True)
         with self._locked():
             document = _documents().dump_json(_Document(update(self.read())), indent=1)
             part = self.path.with_suffix(".part")

@@ -21,6 +21,14 @@ def test_a_data_folder_that_cannot_be_made_is_named_with_its_setting(tmp_path: P
         RunFolder(tmp_path / "file" / "data")
 
 
+def test_a_data_folder_that_is_made_is_for_its_user_alone_and_one_that_is_there_stays_as_it_is(tmp_path: Path) -> None:
+    given = tmp_path / "given"
+    given.mkdir(0o755)
+    for folder, mode in ((given, 0o755), (tmp_path / "new" / "data", 0o700)):
+        RunFolder(folder).close()
+        assert stat.S_IMODE(folder.stat().st_mode) == mode
+
+
 def test_what_a_killed_service_left_is_removed(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     (folder.path / "session" / "logs").mkdir(parents=True)

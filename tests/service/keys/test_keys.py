@@ -31,6 +31,11 @@ def test_a_key_that_was_made_opens_what_it_was_made_for_and_is_not_in_the_file(t
     assert stat.S_IMODE((tmp_path / "keys.json").stat().st_mode) == 0o600
 
 
+def test_a_data_folder_that_is_made_for_a_key_is_for_its_user_alone(tmp_path: Path) -> None:
+    KeyFile(tmp_path / "data").make("phones", ["localize"])
+    assert stat.S_IMODE((tmp_path / "data").stat().st_mode) == 0o700
+
+
 def test_a_key_without_a_tenant_has_one_of_its_own_and_an_administrator_sees_all(tmp_path: Path) -> None:
     file, keys = KeyFile(tmp_path), ring(tmp_path)
     (_, first), (_, second), (_, admin) = (
