@@ -63,7 +63,7 @@ class Engine:
             None if own.rig.is_wide or own.rig.is_labels else own.rig.edges.length_deg,
             contest.noise,
         )
-        return result, found_cameras(given, contest.rig, result.hypotheses)
+        return result, found_cameras(given, contest.rig, result.hypotheses, self.config.focal)
 
     def _where_expected(self, contests: Sequence[Contest], hints: Hints | None) -> Contest | None:
         """Return the contest whose rig is surely where the caller expects it, or fits best there and he wants no other answer: then

@@ -120,7 +120,7 @@ class FoundCameras:
     bound_deg: float | None = None
 
 
-def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis]) -> FoundCameras:
+def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis], config: FocalConfig) -> FoundCameras:
     """Return the cameras of the best of hypotheses. searched: the rig from whose focal lengths theirs are counted."""
     log_focal = hypotheses[0].log_focal if hypotheses else None
     rig = searched if log_focal is None else searched.with_focal_factor(math.exp(log_focal))
@@ -130,6 +130,8 @@ def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis]) -
         return FoundCameras(rig, True, bound_deg=bound)
     if log_focal is None:
         return FoundCameras(rig)
+    if abs(log_focal) < config.step / 2:  # as given, as far as one image tells
+        return FoundCameras(rig, True)
     of = "an image" if len(given.images) == 1 else "images of which the first is"
     widths = f"{found_deg:.1f} degrees wide, not {given.photos[0].camera.hfov_deg:.1f} as given"
     words = f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}"

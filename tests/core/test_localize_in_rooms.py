@@ -126,6 +126,14 @@ def test_frames_of_a_phone_that_moves_are_found_within_two_centimetres() -> None
     assert all(image.agreement is not None and image.agreement > 0.5 for image in found.images)
 
 
+@pytest.mark.parametrize("seed", [5, 8, 17])
+def test_a_photo_that_shows_more_than_is_stated_is_not_surely_where_it_would_show_less(seed: int) -> None:
+    pose = pose_in(ROOM, seed, "upright")
+    taken, stated = (Camera.from_hfov("pinhole", 640, 480, hfov_deg) for hfov_deg in (66.0, 50.0))
+    photo = rooms.take_photo(ROOM, taken, pose).photo
+    assert localized(replace(photo, camera=stated, focal_uncertainty=0.01), room_index()).status == "not_localized"
+
+
 def test_a_photo_of_which_little_is_known_is_not_taken_for_a_narrow_one() -> None:
     pose, camera = pose_in(ROOM, 8, "upright"), Camera.from_hfov("pinhole", 640, 480, 69.0)
     photo = rooms.take_photo(ROOM, camera, pose).photo

@@ -186,14 +186,16 @@ def test_poses_that_are_judged_together_have_the_scores_that_they_have_alone() -
 
 def test_the_cameras_of_an_answer_are_those_of_its_best_pose() -> None:
     stated = Rig.of_photo(zoomed())
-    assert found_cameras(stated, stated, []).rig is stated
-    as_given = found_cameras(stated, stated, [hypothesis(None), hypothesis(0.3)])
+    assert found_cameras(stated, stated, [], FOCAL).rig is stated
+    as_given = found_cameras(stated, stated, [hypothesis(None), hypothesis(0.3)], FOCAL)
     assert (as_given.rig, as_given.are_others, as_given.warnings) == (stated, False, ())
     log = math.log(TAKEN.fx_px / stated.photos[0].camera.fx_px)
-    other = found_cameras(stated, stated, [hypothesis(log), hypothesis(0.0)])
+    other = found_cameras(stated, stated, [hypothesis(log), hypothesis(0.0)], FOCAL)
     assert other.are_others
     assert other.rig.photos[0].camera.fx_px == pytest.approx(TAKEN.fx_px)
     assert "84.0 degrees wide, not 100.0 as given" in other.warnings[0]
+    nearly = found_cameras(stated, stated, [hypothesis(0.07)], FOCAL)
+    assert (nearly.are_others, nearly.warnings) == (True, ())
 
 
 @pytest.mark.parametrize(
@@ -205,7 +207,7 @@ def test_a_field_of_view_at_a_bound_is_told_and_one_between_needs_no_warning(
     given = Rig.of_photo(of_unknown_field_of_view(range_deg))
     searched = given.with_focal_factor(0.9)
     log = math.log(TAKEN.fx_px / searched.photos[0].camera.fx_px)
-    found = found_cameras(given, searched, [hypothesis(log)])
+    found = found_cameras(given, searched, [hypothesis(log)], FOCAL)
     assert (found.are_others, found.warnings, found.bound_deg) == (True, (), bound_deg)
 
 
