@@ -13,12 +13,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from panoloc.service.errors import StoredFileChangedError
+from panoloc.service.errors import StorageError, StoredFileChangedError
 from panoloc.service.storage.disk import age_s, disk_errors, make_folder, sync_folder
 from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, Storage, check_digest, missing, parts_of
 
 _PROBE_BYTES = 4096
 _DELETED = "deleted-"
+
+
+@contextmanager
+def _may_read(key: str) -> Iterator[None]:
+    """Say of a file or folder that the service has no right to read which one it is."""
+    try:
+        yield
+    except PermissionError as error:
+        raise StorageError(
+            f"{key!r}: expected what the service may read, but the system says: {error.strerror}; give it to the user of the service"
+        ) from error
 
 
 class FolderStorage(Storage):
@@ -67,7 +78,7 @@ class FolderStorage(Storage):
     def read_stamped(self, key: str) -> tuple[bytes, Stamp]:
         """Return the bytes, checked against their digest when there is one beside them, and their stamp."""
         try:
-            with self._path(key).open("rb") as file:
+            with _may_read(key), self._path(key).open("rb") as file:
                 stamp, data = _stamp(os.fstat(file.fileno())), file.read()
         except FileNotFoundError as error:
             raise missing(key) from error
@@ -95,7 +106,8 @@ class FolderStorage(Storage):
     def names(self, prefix: str) -> list[str]:
         """Return the names directly below a prefix, sorted, without digests and unfinished files."""
         folder = self._path(prefix)
-        found = os.listdir(folder) if folder.is_dir() else []
+        with _may_read(prefix):
+            found = os.listdir(folder) if folder.is_dir() else []
         return sorted(name for name in found if not name.startswith(".") and not name.endswith(DIGEST_SUFFIX))
 
     def delete_all(self, prefix: str) -> None:

@@ -7,13 +7,24 @@ from pathlib import Path
 
 import pytest
 
-from panoloc.service.errors import StorageFullError, StorageReadOnlyError, StoredFileMissingError
+from panoloc.service.errors import StorageError, StorageFullError, StorageReadOnlyError, StoredFileMissingError
 from panoloc.service.storage import FolderStorage, open_storage
 
 
 @pytest.fixture
 def storage(tmp_path: Path) -> FolderStorage:
     return FolderStorage(tmp_path)
+
+
+@pytest.mark.parametrize("read", [lambda storage: storage.read_stamped("a/b"), lambda storage: storage.names("a")])
+def test_what_belongs_to_another_user_is_named(
+    storage: FolderStorage, monkeypatch: pytest.MonkeyPatch, read: Callable[[FolderStorage], object]
+) -> None:
+    storage.put("a/b", b"data")
+    for module, name in ((Path, "open"), (os, "listdir")):
+        monkeypatch.setattr(module, name, raising(PermissionError(13, "Permission denied")))
+    with pytest.raises(StorageError, match=r"'a(/b)?': .*Permission denied; give it to the user of the service"):
+        read(storage)
 
 
 class PowerCutError(BaseException):
