@@ -154,7 +154,8 @@ class Localizations:
                 self.metrics.note_refusal(error.limit)
             self.metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
-        remarks = [*chosen.warnings, *self._doubts(outcome.answer.map_id)]
+        only = chosen.refs[0].id if len(chosen.refs) == 1 else None
+        remarks = [*chosen.warnings, *self._doubts(outcome.answer.map_id or only)]
         answer = outcome.answer.as_waited_for(time.monotonic() - began, remarks)
         document = answer.model_dump(mode="json")
         stored = {**document, IS_TRACKED: query.images[0].session_from_camera is not None, _TENANT: query.maps.tenant}
@@ -178,7 +179,7 @@ class Localizations:
         if record is None or record.serving is None:
             return []
         asked = [each["message"] for each in record.serving.diagnostics if each.get("question")]
-        words = "{} is perhaps read wrongly, and so is this pose: {} Answer the question that the map asks."
+        words = "{} is perhaps read wrongly, and so are its poses: {} Answer the question that the map asks."
         return [Remark("map_doubtful", words.format(record.id, message)) for message in asked]
 
     async def _outcome(

@@ -5,17 +5,18 @@ import io
 import json
 import zipfile
 from collections.abc import AsyncIterator
+from functools import partial
 
 import httpx
 import pytest
 import redis
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.options import IndexOptions, ScanOptions
+from panoloc.core.options import IndexOptions, ScanOptions, Status
 from panoloc.service.errors import CacheDownError
 from panoloc.service.http.schemas.known_map import Map, MapPage
 from panoloc.service.limits.registration_limits import RegistrationLimits
-from tests.service.http.fake_pool import IN_UTM, PNG, no_worker, ply_of
+from tests.service.http.fake_pool import IN_UTM, PNG, no_worker, outcome_of, ply_of
 from tests.service.http.running_service import SCAN, RunningService
 
 pytestmark = pytest.mark.anyio
@@ -218,7 +219,9 @@ async def test_a_coordinate_system_that_the_scan_cannot_be_in_is_refused(running
     assert (await running.json(f"/maps/{map_id}"))["coordinate_system"] is None
 
 
-async def test_every_answer_of_a_map_that_is_in_doubt_says_so(running: RunningService) -> None:
+@pytest.mark.parametrize("status", ["localized", "not_localized"])
+async def test_every_answer_of_a_map_that_is_in_doubt_says_so(running: RunningService, status: Status) -> None:
+    running.pool.outcome_of = partial(outcome_of, status=status)
     choice = {"label": "all in feet", "patch": {"unit": "ft"}, "storey_height_m": 2.7, "extent_m": [4.0, 3.0, 2.7]}
     question = {"text": "Which unit?", "choices": [choice]}
     doubt = {"code": "unit_doubtful", "severity": "warning", "message": "8.86 m high.", "question": question}
