@@ -106,7 +106,7 @@ def _held(exporter: Exporter, tour: Tour) -> Tour:
 
 def _why_not(exporter: Exporter, photo: PlacedPhoto) -> str | None:
     if not photo.name.isprintable():
-        return "its name has control characters; rename it"
+        return "its name has characters that cannot be printed, or is not in UTF-8; rename it"
     if exporter.spheres_only and not photo.is_sphere:
         of_photos = ", ".join(name for name, each in EXPORTERS.items() if not each.spheres_only)
         return f"placed, but this format holds only full panoramas; formats of photos as well: {of_photos}"

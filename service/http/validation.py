@@ -136,7 +136,7 @@ def _meant(location: Sequence[int | str], model: type[BaseModel]) -> str | None:
     object within."""
     at, unknown = [str(part) for part in location[:-1] if isinstance(part, str)], str(location[-1])
     paths = [path[len(at) :] for path in _field_paths(model) if list(path[: len(at)]) == at]
-    near = _most_like(unknown, [path for path in paths if len(path) == 1], 0.6)
+    near = _most_like(unknown, [path for path in paths if len(path) == 1], 0.65)
     return near or _most_like(unknown, [path for path in paths if len(path) == 2], 0.9)
 
 

@@ -89,7 +89,7 @@ def test_a_photo_that_is_no_sphere_is_left_out_of_what_holds_spheres_and_kept_wh
         ("gpano", {"image": None}, "no longer exists"),
         ("e57", {"name": "pano.webp"}, "JPEG and PNG"),
         ("colmap", {"name": "my pano.jpg"}, "space"),
-        ("potree", {"name": "my\tpano.jpg"}, "control characters"),
+        ("potree", {"name": "my\tpano.jpg"}, "cannot be printed"),
     ],
 )
 def test_what_a_format_cannot_hold_is_left_out_with_its_reason(
