@@ -108,13 +108,11 @@ class Contest:
                 break
             losers += [] if is_guess else [best]
             best, comparison = self._with_signs(fulls[0]), fulls[0].comparison
-        # A stated focal length that is too long finds places by chance more easily than the right one does.
-        worth = query.rig.worth if prior.is_stated and best.log_focal is None else lambda _: 1.0
-        own, others = (
-            max(best.score, 1e-6) * worth(best.log_focal),
-            (h for h in losers if not h.is_near(best, DISTANCES.right)),
-        )
-        odds = sum((h.score * worth(h.log_focal) / own) ** focal.power for h in others)
+        # A stated focal length that is too long fits wrong places by chance more easily than the right one fits its own.
+        weight = query.rig.chance_weight if prior.is_stated and best.log_focal is None else lambda _: 1.0
+        own = max(best.score, 1e-6) * weight(best.log_focal)
+        others = [loser for loser in losers if not loser.is_near(best, DISTANCES.right)]
+        odds = sum((loser.score * weight(loser.log_focal) / own) ** focal.power for loser in others)
         best = replace(best, measures=best.measures | {"focal_odds": odds})
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
         self.hypotheses, self.comparison = [best, *rest], comparison

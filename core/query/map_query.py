@@ -82,11 +82,12 @@ class PreparedRig:
         elif prior.is_stated:
             less = [1.0 if h.log_focal is None else focal.stated for h in group]
         else:
-            less = [self.worth(h.log_focal) / self.worth(prior.least) for h in group]
+            less = [self.chance_weight(h.log_focal) / self.chance_weight(prior.least) for h in group]
         return torch.tensor(less, device=self.pyramid.rotations.device)
 
-    def worth(self, log_focal: float | None) -> float:
-        """Return what the same score is worth with a focal length: the more of the sphere an image shows, the less it fits by chance."""
+    def chance_weight(self, log_focal: float | None) -> float:
+        """Return the weight of a score with a focal length, the logarithm of its factor: the less of the sphere an image shows, the more
+        easily it fits by chance."""
         return math.pow(self._camera.solid_angle(math.exp(log_focal or 0.0)), self.config.focal.chance)
 
     @cached_property

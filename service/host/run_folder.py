@@ -19,9 +19,8 @@ class DataFolderInUseError(RuntimeError):
 class RunFolder:
     """`<data_dir>/run`, or a temporary folder when that path is too long for sockets.
 
-    A data folder that is made here is for its user alone.
     Holds a lock on the data for as long as it is open: an exclusive one, or one that allows others which share the
-    data. The kernel drops it when the process ends in any way.
+    data. The kernel drops it when the process ends in any way. Only its user can read a data folder that is made here.
     """
 
     def __init__(self, data_dir: Path, is_shared: bool = False) -> None:

@@ -164,6 +164,17 @@ def test_a_view_stands_along_the_walls_of_its_map_however_these_stand() -> None:
     assert min(off) < 0.2 * sorted(off)[1]
 
 
+def test_a_rig_that_stands_along_walls_is_held_against_maps_in_these_four_ways_alone() -> None:
+    vectors = [retrieval_vectors(map_of(BOX))]
+
+    def score(pose: Pose, *, along_walls: bool) -> float:
+        return scores_among(with_limits(1, 3), rig_of(BOX.panorama(pose)), vectors, None, along_walls=along_walls)[0]
+
+    along, across = (Pose(rotation_of(yaw), POSE.position) for yaw in (90.0, 45.0))
+    assert score(along, along_walls=True) > 0.95 * score(along, along_walls=False)
+    assert score(across, along_walls=True) < 0.7 * score(across, along_walls=False)
+
+
 def test_maps_look_alike_that_score_nearly_what_one_scores_for_its_own_view() -> None:
     search = with_limits(3, 64).config.search
     assert search.look_alikes([0.8, 1.0, 0.95, 0.89, 1.1, 0.91], 1) == [4, 2]  # two at most, beside the one itself

@@ -38,7 +38,8 @@ class ScriptedWorker:
             return WorkerReply(failure=WorkerFailure(script["fail"], "as the script says"), worker=self._name)
         if job.share is not None:
             (self._folder / f"{job.share}.maps").write_text(" ".join(ref.id for ref in job.maps))
-            return WorkerReply(scores=tuple(script["scores"].get(ref.id, 0.0) for ref in job.maps), worker=self._name)
+            scores = script["scores"] if job.along_walls == script.get("along_walls", False) else {}
+            return WorkerReply(scores=tuple(scores.get(ref.id, 0.0) for ref in job.maps), worker=self._name)
         figures = {"pid": os.getpid(), "request_id": job.request_id, "gpus": os.environ.get("CUDA_VISIBLE_DEVICES")}
         figures |= {"maps": [ref.id for ref in job.maps], "num_maps": job.num_maps}
         outcome = LocalizeOutcome(empty_answer(status="localized", search=figures, map_id=script.get("found")))

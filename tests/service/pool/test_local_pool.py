@@ -88,10 +88,12 @@ def test_each_of_several_workers_scores_a_share_of_many_maps_and_one_searches_th
         assert figures["num_maps"] == 90
         assert running.localize(query("few", maps[:64])).answer.search["maps"] == list(maps[:64])
         # What is found is sought beside maps that look the same, however unlikely these seemed.
-        of_view = {"scores": {"map_79": 1.0, "map_3": 0.95, "map_5": 0.5}}
+        of_view = {"along_walls": True, "scores": {"map_79": 1.0, "map_3": 0.95, "map_5": 0.5}}
         asked = query("equal", maps, scores=scores, found="map_79", view=of_view)
         assert running.localize(asked).answer.search["maps"] == ["map_79", "map_3"]
-        asked = query("unequal", maps, scores=scores, found="map_3", view={"scores": {"map_3": 1.0, "map_79": 0.5}})
+        asked = query(
+            "unequal", maps, scores=scores, found="map_3", view=of_view | {"scores": {"map_3": 1.0, "map_79": 0.5}}
+        )
         assert running.localize(asked).answer.search["maps"] == figures["maps"]
 
 

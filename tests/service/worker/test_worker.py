@@ -208,9 +208,14 @@ def test_of_many_maps_few_are_loaded_and_the_vectors_of_all_are_kept(
     # Where others know the other maps of the query, they are shown what the map shows from there.
     found = place.worker.localize(replace(query(maps=maps[:9]), num_maps=90))
     assert Image.open(io.BytesIO(found.view)).size == (256, 128)
-    shown = replace(query(maps=maps), images=(QueryImage(found.view),), share="share 0", along_walls=True)
-    of_view = place.worker.localize(shown)
-    assert of_view.scores[0] > 0.5
+    pixels, files = np.asarray(Image.open(io.BytesIO(found.view))), []
+    for columns in (0, 32):  # along the walls, and an eighth of a turn from there
+        Image.fromarray(np.roll(pixels, columns, 1)).save(buffer := io.BytesIO(), "PNG")
+        files.append(buffer.getvalue())
+    shown = replace(query(maps=maps), share="share 0", along_walls=True)
+    scored_views = [place.worker.localize(replace(shown, images=(QueryImage(file),))) for file in files]
+    assert scored_views[0].scores[0] > 0.5
+    assert scored_views[1].scores[0] < 0.8 * scored_views[0].scores[0]
     # Those that cannot be read are made again.
     key = key_of(maps[3], stored[3].name)
     before = place.storage.read(key)
