@@ -325,7 +325,8 @@ class FocalConfig:
     # EXIF data do not mention zooms, of up to 2.2; and who guesses a field of view may be off by a third.
     bounds: tuple[float, float] = (-0.4, 0.8)
     stated: float = 0.95  # times the score of a pose for another focal length than the stated one
-    # Power of the share of the sphere that an image shows, times which its score counts where only bounds of its focal length are known.
+    # Power of the share of the sphere that an image shows, times which its score counts: where only bounds of its focal length are known,
+    # and in the odds of others against a stated one.
     chance: float = 0.35
     power: float = 25.0  # of the ratio of their scores, that poses of two focal lengths are as probable as
     damping: float = 0.002  # more would hold pose and focal length in the valley that they share
