@@ -195,7 +195,7 @@ class Localized(PlacedLocalization):
 
 
 class Ambiguous(PlacedLocalization):
-    """Several poses fit equally well; the others are `alternatives`."""
+    """Several places look the same; those that are not the best are `alternatives`."""
 
     status: Literal["ambiguous"]
 

@@ -82,8 +82,12 @@ class ConfidenceModel:
 
         Between places that look the same only the scores tell: their probabilities go with powers of these.
         """
-        odds = sum(math.exp(-self.alias_power * margin) for margin in alias_margins(best, rivals))
-        return self.probability(features_of(best, rivals)) / (1 + odds + best.measures.get("focal_odds", 0.0))
+        odds = sum(self.alias_odds(best, rivals)) + best.measures.get("focal_odds", 0.0)
+        return self.probability(features_of(best, rivals)) / (1 + odds)
+
+    def alias_odds(self, best: Hypothesis, rivals: Sequence[Hypothesis]) -> list[float]:
+        """Return how probable each alias among the rivals is, as a share of how probable the best is."""
+        return [math.exp(-self.alias_power * margin) for margin in alias_margins(best, rivals)]
 
     def among(self, confidence: float, prior: float) -> float:
         """Return a confidence where the right place is in one of the maps that were searched with probability `prior` alone: before

@@ -1,6 +1,6 @@
 """The verdict: from judged hypotheses to how sure each place is, whether to say so, and what a caller may do where no place is told.
 
-One model decides: a pose is localized where it is probably right; ambiguous where it would be if its rivals were not there.
+One model decides: a pose is localized where it is probably right; ambiguous where it would be if its aliases were not there.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ _CAMERAS_MAY_BE_WRONG = Remark(
 class Verdict:
     """Hypotheses at different places, best first, the confidence of each, what to say of the best one, and its radii.
 
-    num_equals: how many places come first together.
+    num_equals: how many places come first together: 1, or those that look the same.
     """
 
     places: list[Hypothesis]
@@ -88,14 +88,13 @@ def verdict(
         most = model.threshold / 2 if best.beyond_limits else accuracy.share_right
         return model.among(min(model.confidence(best, some), most), prior)
 
-    alone, against_all = confidence_against([]), confidence_against(rivals)
-    if against_all < model.threshold <= alone:
-        equals = [rival for rival in rivals if confidence_against([rival]) < model.threshold]
-        unequal = [rival for rival in rivals if all(rival is not other for other in equals)]
-        if equals:
-            shared = [alone / (len(equals) + 1)] * (len(equals) + 1)
-            confidences = shared + _left_over(unequal, 1 - alone, shared[0])
-            return Verdict([best, *equals, *unequal], confidences, "ambiguous", accuracy, len(shared))
+    aliases = [rival for rival in rivals if rival.is_alias]
+    others = [rival for rival in rivals if not rival.is_alias]
+    against_all = confidence_against(rivals)
+    if against_all < model.threshold <= confidence_against(others):
+        shared = [against_all, *(against_all * odds for odds in model.alias_odds(best, aliases))]
+        confidences = shared + _left_over(others, 1 - sum(shared), shared[-1])
+        return Verdict([best, *aliases, *others], confidences, "ambiguous", accuracy, len(shared))
     status: Status = "localized" if against_all >= model.threshold else "not_localized"
     confidences = [against_all, *_left_over(rivals, 1 - against_all, against_all)]
     return Verdict(places, confidences, status, accuracy)

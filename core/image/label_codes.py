@@ -21,6 +21,11 @@ class LabelCodes:
         """Return the codes on `device`."""
         return LabelCodes(self.labels.to(device), self.codes.to(device))
 
+    @property
+    def key(self) -> bytes:
+        """Return what only codes of the same labels have, never empty."""
+        return self.labels.cpu().numpy().tobytes()
+
     def recode(self, color: Tensor, tolerance: int = 24) -> tuple[Tensor, Tensor]:
         """Return codes (..., 3) of label colours (..., 3) uint8 and whether each is known (...) within `tolerance` per channel.
 

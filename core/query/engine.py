@@ -46,8 +46,8 @@ class Engine:
         if contest is None:
             contest, num_starts, num_poses = self._search(contests, clock)
         queries = contest.queries
-        is_told = bool(contest.hypotheses) and self._verdict(contest).status != "not_localized"
-        if is_told and not (hints is not None and hints.has_only_prior):
+        may_be_told = bool(contest.hypotheses) and self._verdict(contest, num_places=1).status == "localized"
+        if may_be_told and not (hints is not None and hints.has_only_prior):
             with clock.stage("search"):
                 aliases = aliases_of_pose(queries, contest.hypotheses[0])
             if aliases:
@@ -111,8 +111,10 @@ class Engine:
                 break
         return best, num_starts, num_poses
 
-    def _verdict(self, contest: Contest) -> Verdict:
-        return verdict(contest.hypotheses, self.confidence, NO_NOISE if contest.is_guess else contest.noise)
+    def _verdict(self, contest: Contest, num_places: int | None = None) -> Verdict:
+        """Return the verdict over the first so many of the hypotheses."""
+        noise = NO_NOISE if contest.is_guess else contest.noise
+        return verdict(contest.hypotheses[:num_places], self.confidence, noise)
 
     def is_sure(self, contest: Contest) -> bool:
         """Return whether the best hypothesis leaves nothing to search for; of equal places none is so sure."""

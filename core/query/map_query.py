@@ -199,15 +199,15 @@ def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, con
     """Prepare a rig for each map. Raises OptionsError for hints out of range."""
     limits = [within_reach(pose_limits(hints, index), index) for index in maps]
     tilt = math.radians(MAX_SESSION_TILT_DEG) if rig.options.up_known else None
-    shared: PreparedRig | None = None
+    prepared: dict[bytes, PreparedRig] = {}
     queries = []
     for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):
-        if index.labels is None:
-            shared = prepared = shared or PreparedRig(rig, None, index.positions.device, config)
-        else:
-            prepared = PreparedRig(rig, index.labels, index.positions.device, config)
-        of_rig = limit.of_rig(prepared.pyramid.rotations[0], prepared.pyramid.centers[0], tilt)
-        queries.append(MapQuery(number, index, of_rig, prepared))
+        colors = b"" if index.labels is None else index.labels.key
+        if colors not in prepared:
+            prepared[colors] = PreparedRig(rig, index.labels, index.positions.device, config)
+        own = prepared[colors]
+        of_rig = limit.of_rig(own.pyramid.rotations[0], own.pyramid.centers[0], tilt)
+        queries.append(MapQuery(number, index, of_rig, own))
     return queries
 
 

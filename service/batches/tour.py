@@ -36,7 +36,7 @@ def why_left_out(result: Result | None, map_id: str | None, include_ambiguous: b
     if answer["pose"] is None:
         return f"not_localized: no place fits well enough{guess}"
     if result["status"] == "ambiguous" and not include_ambiguous:
-        return f"ambiguous: several places fit about equally well{guess}; include ambiguous photos to export it"
+        return f"ambiguous: several places look the same{guess}; include ambiguous photos to export it"
     is_elsewhere = map_id is not None and answer["map_id"] != map_id
     return f"placed in another map, {answer['map_id']}" if is_elsewhere else None
 

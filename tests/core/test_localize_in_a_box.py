@@ -255,3 +255,11 @@ def test_semantic_labels_are_localized_by_their_boundaries() -> None:
     assert found.status == "localized"
     assert best_of(found).color_model == "labels"
     assert_found(found, POSE)
+
+
+@pytest.mark.slow
+def test_one_place_registered_twice_by_its_labels_is_ambiguous() -> None:
+    index = map_of(LABELLED, AS_LABELS)
+    found = localized(LABELLED.panorama(POSE), index, decode_map_index(encode_map_index(index)))
+    assert found.status == "ambiguous"
+    assert {best_of(found).map_position, *(each.map_position for each in found.alternatives)} == {0, 1}

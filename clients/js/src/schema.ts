@@ -2184,7 +2184,7 @@ export interface components {
         };
         /**
          * Ambiguous
-         * @description Several poses fit equally well; the others are `alternatives`.
+         * @description Several places look the same; those that are not the best are `alternatives`.
          */
         Ambiguous: {
             /** Id */

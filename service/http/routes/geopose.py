@@ -169,7 +169,11 @@ def _place(readings: list[GeolocationReading]) -> Place | None:
 
 def _geopose_reply(asked: GeoPoseRequest, answer: Localization) -> GeoPoseReply:
     if answer.status != "localized" or answer.accuracy is None:
-        words = "fits several places" if answer.status == "ambiguous" else "fits no place well enough"
+        words = (
+            "shows what looks the same from several places"
+            if answer.status == "ambiguous"
+            else "fits no place well enough"
+        )
         raise NoPoseError(
             f"expected an image of a mapped place, got one that {words}; send an image that shows more of the place"
         )

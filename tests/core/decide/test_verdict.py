@@ -34,26 +34,41 @@ def test_a_place_that_fits_far_better_than_all_others_is_localized() -> None:
     assert found.confidences == pytest.approx([ALONE, 1 - ALONE])
 
 
-def test_two_places_that_fit_alike_are_ambiguous() -> None:
-    found = judge(judged(0.0, 1.8), judged(3.0, 1.79))
+def alias(x: float, score: float, fits: float = 0.9) -> Hypothesis:
+    """Return a hypothesis at a place from which all looks as from the best one."""
+    return replace(judged(x, score, fits), is_alias=True)
+
+
+def test_two_places_that_look_alike_are_ambiguous() -> None:
+    found = judge(judged(0.0, 1.8), alias(3.0, 1.8))
     assert (found.status, found.num_equals) == ("ambiguous", 2)
     assert found.confidences == pytest.approx([ALONE / 2] * 2)
 
 
-def test_of_three_equals_each_is_a_third_and_the_rest_comes_last_and_stays_improbable() -> None:
-    first, second, third = (judged(3.0 * k, 1.8 - 0.01 * k) for k in range(3))
-    found = judge(first, second, judged(12.0, 0.5, 0.2), third)
+def test_two_places_that_fit_alike_but_look_different_are_no_answer() -> None:
+    # One of them fits by chance at least, so the other may.
+    found = judge(judged(0.0, 1.8), judged(3.0, 1.79))
+    assert (found.status, found.num_equals) == ("not_localized", 1)
+
+
+def test_aliases_share_by_their_scores_and_the_rest_comes_last_and_stays_improbable() -> None:
+    found = judge(judged(0.0, 1.8), alias(3.0, 1.8), judged(12.0, 0.5, 0.2), alias(6.0, 1.8 * (1 + math.log(0.5) / 4)))
     assert (found.status, found.num_equals) == ("ambiguous", 3)
     assert [float(place.position[0]) for place in found.places] == [0.0, 3.0, 6.0, 12.0]
-    assert found.confidences == pytest.approx([*[ALONE / 3] * 3, 1 - ALONE])
+    shares = [1 / 2.5, 1 / 2.5, 0.5 / 2.5]
+    assert found.confidences == pytest.approx([*(share * ALONE for share in shares), 1 - ALONE])
 
 
 @pytest.mark.parametrize("fits", [0.3, 0.58])
-def test_equals_that_would_not_be_right_alone_are_no_answer(fits: float) -> None:
-    assert judge(judged(0.0, 1.8, fits), judged(3.0, 1.79, fits)).status == "not_localized"
+def test_aliases_that_would_not_be_right_alone_are_no_answer(fits: float) -> None:
+    assert judge(judged(0.0, 1.8, fits), alias(3.0, 1.79, fits)).status == "not_localized"
 
 
-@pytest.mark.parametrize(("behind", "status"), [(0.08, "ambiguous"), (0.13, "localized")])
+def test_aliases_are_no_answer_where_another_place_fits_nearly_as_well() -> None:
+    assert judge(judged(0.0, 1.8), alias(3.0, 1.8), judged(6.0, 1.78)).status == "not_localized"
+
+
+@pytest.mark.parametrize(("behind", "status"), [(0.08, "not_localized"), (0.13, "localized")])
 @pytest.mark.parametrize("score", [0.45, 1.8])
 def test_how_far_a_place_is_ahead_counts_as_a_share_of_its_score(score: float, behind: float, status: str) -> None:
     assert judge(judged(0.0, score), judged(3.0, (1 - behind) * score)).status == status
@@ -66,24 +81,24 @@ def test_poses_of_one_place_are_no_rivals() -> None:
 
 
 @pytest.mark.parametrize(
-    ("is_alias", "least_behind"),
+    ("is_alias", "least_behind", "nearer"),
     [
-        (False, 0.847 / 8),  # as far as a pose must be ahead to be localized: what the model gives, solved by hand
-        (True, 0.909 / 4),  # 0.982 / 0.7 = 1 + exp(-0.909)
+        (False, 0.847 / 8, "not_localized"),  # as far as a pose must be ahead: what the model gives, solved by hand
+        (True, 0.909 / 4, "ambiguous"),  # 0.982 / 0.7 = 1 + exp(-0.909)
     ],
 )
-def test_a_rival_must_be_farther_behind_where_it_is_an_alias(is_alias: bool, least_behind: float) -> None:
-    for behind, status in ((least_behind - 0.01, "ambiguous"), (least_behind + 0.01, "localized")):
+def test_a_rival_must_be_farther_behind_where_it_is_an_alias(is_alias: bool, least_behind: float, nearer: str) -> None:
+    for behind, status in ((least_behind - 0.01, nearer), (least_behind + 0.01, "localized")):
         assert judge(judged(0.0, 1.0), replace(judged(3.0, 1 - behind), is_alias=is_alias)).status == status
 
 
-def test_rivals_that_only_together_make_it_unsure_are_no_equals() -> None:
-    aliases = [replace(judged(x, 1 + math.log(0.3) / 4), is_alias=True) for x in (3.0, 6.0)]
+def test_aliases_that_only_together_make_it_unsure_are_equals() -> None:
+    aliases = [alias(x, 1 + math.log(0.3) / 4) for x in (3.0, 6.0)]
     for rival in aliases:
         assert judge(judged(0.0, 1.0), rival).status == "localized"
     found = judge(judged(0.0, 1.0), *aliases)
-    assert (found.status, found.num_equals) == ("not_localized", 1)
-    assert found.confidences[0] == pytest.approx(ALONE / 1.6)
+    assert (found.status, found.num_equals) == ("ambiguous", 3)
+    assert found.confidences == pytest.approx([ALONE / 1.6, *[0.3 * ALONE / 1.6] * 2])
 
 
 @pytest.mark.parametrize(("noise_m", "status"), [(0.0, "localized"), (0.28, "localized"), (0.5, "not_localized")])
@@ -103,7 +118,7 @@ def test_a_pose_whose_radius_is_wider_than_what_is_right_is_not_localized() -> N
 
 def test_what_fits_the_limits_rather_than_the_images_is_never_localized_nor_ambiguous() -> None:
     beyond = replace(judged(0.0, 1.8), beyond_limits=True)
-    for others in ((), (judged(3.0, 1.79),)):
+    for others in ((), (alias(3.0, 1.79),)):
         found = judge(beyond, *others)
         assert found.status == "not_localized"
         assert found.confidences[0] <= MODEL.threshold / 2

@@ -64,7 +64,7 @@ def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
     expected = [
         [
             "hall.jpg",
-            "ambiguous: several places fit about equally well, its best guess with a confidence of 0.93; include "
+            "ambiguous: several places look the same, its best guess with a confidence of 0.93; include "
             "ambiguous photos to export it",
         ],
         ["rooms/a.jpg", "not_localized: no place fits well enough, its best guess with a confidence of 0.93"],
