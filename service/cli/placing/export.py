@@ -20,7 +20,7 @@ from panoloc.core.scan.file_names import distinct_names
 from panoloc.service.batches.tour import Photo, lacks_place
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing.place_folder import PlaceFolder
-from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written, how_to_place
+from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written, how_to_place, what_was_written
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.client import ApiProblemError, ClientError, JsonClient, JsonObject
 from panoloc.service.jobs import Result
@@ -102,7 +102,7 @@ def export(
                 f"got {source!r}"
             )
     for path in written.paths:
-        session.show({"folder": str(path)}, f"wrote {path}")
+        session.show({"folder": str(path)}, f"wrote {what_was_written(path)}")
     return show_refusals(session, written.refusals)
 
 

@@ -28,7 +28,7 @@ from panoloc.service.cli.placing.export import (
     take_hand_placements,
 )
 from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused, is_final
-from panoloc.service.cli.placing.placed_photos import PlacedPhotos, ProcessFailedError, run_module
+from panoloc.service.cli.placing.placed_photos import PlacedPhotos, ProcessFailedError, run_module, what_was_written
 from panoloc.service.cli.progress import counts_text, show_counts
 from panoloc.service.cli.query_options import (
     HfovOption,
@@ -97,7 +97,7 @@ def place(
             pictures = placed.draw_overviews(out)
             written = placed.write_exports(formats, include_ambiguous, out)
     for path in (*pictures.paths, *written.paths):
-        session.messages.print(f"wrote {escape(str(path))}")
+        session.messages.print(f"wrote {escape(what_was_written(path))}")
     return show_refusals(session, (*pictures.refusals, *written.refusals)) or worst_of(codes)
 
 

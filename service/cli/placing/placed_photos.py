@@ -104,6 +104,16 @@ class PlacedPhotos:
         return written
 
 
+def what_was_written(path: Path) -> str:
+    """Return a path, and of the folder of an export how many photos it holds and leaves out."""
+    try:
+        found = json.loads((path / "export.json").read_text(encoding="utf-8"))
+    except OSError:  # a picture
+        return str(path)
+    left_out = f", left out: {len(found['left_out'])}, see unplaced.txt there" if found["left_out"] else ""
+    return f"{path} (photos: {found['num_photos']}{left_out})"
+
+
 def how_to_place(map_id: str) -> str:
     """Return the commands that give a map a place on Earth."""
     return f"`panoloc maps set {map_id} --coordinate-system` or `panoloc maps control-points {map_id} --apply`"

@@ -38,6 +38,7 @@ def test_every_photo_is_placed_and_written_in_the_formats_asked_for(
     outcome = place("--export", "potree,colmap", "--upright")
     assert outcome.code == 0, outcome.err
     assert "3 photos: 3 localized" in outcome.out
+    assert "potree (photos: 3)" in " ".join(outcome.err.split())
     assert json.loads(fake.parts["options"][0])["hints"] == {"upright": True}
     table = rows(out / "potree" / "coordinates.txt")[1:]
     assert [row[0] for row in table] == ["hall.jpg", "rooms/a.jpg", "rooms/b.png"]
@@ -60,7 +61,9 @@ def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
 ) -> None:
     fake.refuse_file = "is rooms/b.png"
     fake.answers = {"is hall.jpg": answer_with("ambiguous"), "is rooms/a.jpg": answer_with("not_localized")}
-    assert place("--export", "potree").code == EXIT_ERROR
+    outcome = place("--export", "potree")
+    assert outcome.code == EXIT_ERROR
+    assert "potree (photos: 0, left out: 3, see unplaced.txt there)" in " ".join(outcome.err.split())
     expected = [
         [
             "hall.jpg",
