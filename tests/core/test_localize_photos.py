@@ -11,7 +11,6 @@ import pytest
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Rig, RigImage
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.decide.verdict import why_nothing_fits, why_there_is_no_pose
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.localizer import Localizer
@@ -25,8 +24,6 @@ from tests.core.built_maps import (
     TWIN,
     localized,
     map_of,
-    panorama,
-    rig_of,
     seen_from_the_other_side,
 )
 from tests.core.found_pose import assert_found, best_of, known
@@ -201,23 +198,3 @@ def test_a_photo_of_another_place_among_right_ones_is_told_by_its_agreement() ->
     *right, wrong = (image.agreement for image in found.images)
     assert wrong is not None
     assert all(each is not None and each > 0.75 > 0.5 > wrong for each in right)
-
-
-def test_what_fits_nowhere_is_said_with_what_may_be_wrong() -> None:
-    one = Rig.of_photo(SESSION.images[0].photo)
-    (of_one,), (of_several,) = why_nothing_fits(one, None), why_nothing_fits(SESSION, None)
-    assert "(hfov_range_deg, --hfov 45-90)" in of_one
-    assert "session_from_camera" in of_several
-    assert len(why_nothing_fits(one, Hints(upright=True))) == 2
-    (of_panorama,) = why_nothing_fits(rig_of(panorama()), None)
-    assert "full sphere" in of_panorama
-    searched = Rig.of_photo(replace(one.photos[0], hfov_range_deg=(50.0, 70.0)))
-    (within_bounds,) = why_nothing_fits(searched, None)
-    assert "hfov_deg" in within_bounds  # its field of view was searched already
-
-
-def test_only_who_sent_hints_is_told_to_widen_them_where_no_pose_is_left() -> None:
-    cases = ((9, None), (9, Hints()), (9, Hints(upright=True)), (0, Hints(upright=True)))
-    reasons = [[each.reason for each in why_there_is_no_pose(*case)] for case in cases]
-    outside = ["nothing_in_reach"]
-    assert reasons == [outside, outside, [*outside, "widen_hints"], ["widen_hints"]]

@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cache, partial
@@ -128,7 +129,9 @@ def outcome(tests: Sequence[str], mutant: Mutant | None, limit_s: float) -> str:
     child.start()
     child.join(limit_s)
     if child.exitcode is None:
-        os.killpg(child.pid or 0, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # one that has just ended, or has no group yet
+            os.killpg(child.pid or 0, signal.SIGKILL)
+        child.kill()
         child.join()
         return "timed out"
     if child.exitcode == pytest.ExitCode.NO_TESTS_COLLECTED:

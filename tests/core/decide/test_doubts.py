@@ -63,6 +63,11 @@ def test_more_than_a_few_images_that_disagree_or_the_first_make_a_session_unsure
     assert [words.startswith(warning) for words in answer.warnings] == ([True] if warning else [])
 
 
+def test_the_more_images_contradict_the_less_sure_is_what_is_left() -> None:
+    answer = DOUBTS.unless_contradicted(found(), photos([0.9, 0.1, 0.1, 0.1]))
+    assert known(answer.best).confidence == pytest.approx(0.95 / 4)
+
+
 @pytest.mark.parametrize(
     ("before", "edges_deg", "after"),
     [
@@ -89,3 +94,4 @@ def test_a_bound_of_the_field_of_view_is_named() -> None:
     # Where nothing fits, the bound is no reason but a hint.
     (words,) = DOUBTS.unless_at_bound(found("not_localized"), 80.0).warnings
     assert words.startswith("nothing fits well enough")
+    assert {remark.reason for remark in (*answer.warnings, words)} == {"widen_hfov_range"}
