@@ -46,7 +46,8 @@ def read_transforms(path: Path, frame: Frame) -> list[TrackedImage]:
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise TransformsError(f"expected a {FILE_NAME} in nerfstudio's format, but {file}: {error}") from error
+        why = error.strerror if isinstance(error, OSError) else error
+        raise TransformsError(f"expected a {FILE_NAME} in nerfstudio's format, but {file}: {why}") from error
     frames = document.get("frames") if isinstance(document, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(each, dict) for each in frames):
         raise TransformsError(f"expected `frames` with one object per image in {file}, got {str(frames)[:40]}")

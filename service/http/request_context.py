@@ -117,7 +117,7 @@ class RequestContext:
             "request",
             method=scope["method"],
             route=route,
-            path=scope["path"],
+            path=scope["path"] if scope["path"].isprintable() else ascii(scope["path"]),
             status=status,
             duration_s=round(duration_s, 4),
         )

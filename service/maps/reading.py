@@ -16,7 +16,7 @@ _UNREADABLE = {CORE_PROBLEMS[kind].type for kind in (ScanFormatError, ScanDamage
 
 
 def revision_to_read(record: MapRecord) -> Revision:
-    """Return the revision whose scan is read in another way: the newest, or the serving one if the newest file is unusable."""
+    """Return the revision whose scan is read in another way: the newest, or the serving one if no options mend the newest file."""
     failure = (record.newest.error or {}).get("type")
     return record.serving if record.serving is not None and failure in _UNREADABLE else record.newest
 

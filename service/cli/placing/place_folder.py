@@ -70,7 +70,7 @@ class PlaceFolder:
         """
         if folder.resolve() == Path(question.photos):
             raise _wrong_out(
-                "expected --out outside the folder of the photos, got that folder itself, where exports would be "
+                "expected another --out than the folder of the photos, where exports would be "
                 f"taken for photos; try {folder / 'placed'}"
             )
         folder.mkdir(parents=True, exist_ok=True)

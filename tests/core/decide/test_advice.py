@@ -76,4 +76,5 @@ def test_what_of_an_image_was_left_out_is_said_of_every_answer() -> None:
 
 def test_the_tracking_is_blamed_only_where_there_is_any() -> None:
     assert "position_noise_m" not in accuracy_too_low(ONE)
+    assert "fx_px" in accuracy_too_low(ONE)  # a field of view that was given is believed by halves
     assert "position_noise_m" in accuracy_too_low(SEVERAL)

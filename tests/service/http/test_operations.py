@@ -9,11 +9,13 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import httpx
 import pytest
 
 from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http import request_context
 from panoloc.service.http.schemas.operations import Health
 from panoloc.service.limits.caller_rates import WrongKeys
 from tests.service.http.running_service import Listen, RunningService, Serve, running_service
@@ -77,6 +79,16 @@ async def test_a_request_id_is_taken_over_unless_it_would_harm_a_log(running: Ru
     for given in ("", "a b", "x" * 129, 'a"b', "a{b}"):
         reply = await running.client.get("/maps/none", headers={"X-Request-ID": given})
         assert re.fullmatch(r"req_[0-9a-f]{16}", reply.headers["x-request-id"])
+
+
+@pytest.mark.parametrize(("sent", "logged"), [("/a%00%0Ab", r"'/a\x00\nb'"), ("/maps/büro", "/maps/büro")])
+async def test_a_path_is_logged_without_what_would_harm_a_log(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch, sent: str, logged: str
+) -> None:
+    log = Mock()
+    monkeypatch.setattr(request_context, "_log", log)
+    await running.client.get(sent)
+    assert log.log.call_args.kwargs["path"] == logged
 
 
 async def test_a_fault_of_the_service_is_a_problem_too(

@@ -357,7 +357,7 @@ def test_where_one_of_several_batches_is_refused_those_before_it_are_named(
 
 def test_exports_are_never_taken_for_photos(place: Panoloc, fake: FakeService, photos: Path) -> None:
     into = place("--out", photos)
-    assert (into.code, "outside the folder" in into.err, num_queries(fake)) == (EXIT_USAGE, True, 0)
+    assert (into.code, "than the folder of the photos" in into.said, num_queries(fake)) == (EXIT_USAGE, True, 0)
     for name in ("placed", "again"):
         assert "3 photos: 3 localized" in place("--export", "navvis", "--out", photos / name).out
     assert num_queries(fake) == 6
