@@ -3,6 +3,7 @@
 import gc
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext
@@ -29,6 +30,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     first. The process that hands the tests out runs none, and need not be watched.
     """
     shares = not hasattr(session.config, "workerinput") and session.config.getoption("numprocesses", None)
+    # Shells let what they start in the background ignore it, and so would every process that a test ends with it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     coverage = _coverage(session.config)
     if coverage and (hasattr(session.config, "workerinput") or shares):
         coverage.pause()
