@@ -93,8 +93,8 @@ def verdict(
     others = [rival for rival in rivals if not rival.is_alias]
     against_all = confidence_against(rivals)
     if against_all < model.threshold <= confidence_against(others):
-        shared = [against_all, *(against_all * odds for odds in model.alias_odds(best, aliases))]
-        confidences = shared + _left_over(others, 1 - sum(shared), shared[-1])
+        shared = [against_all, *(against_all * min(odds, 1.0) for odds in model.alias_odds(best, aliases))]
+        confidences = shared + _left_over(others, 1 - sum(shared), min(shared))
         return Verdict([best, *aliases, *others], confidences, "ambiguous", accuracy, len(shared))
     status: Status = "localized" if against_all >= model.threshold else "not_localized"
     confidences = [against_all, *_left_over(rivals, 1 - against_all, against_all)]

@@ -23,7 +23,7 @@ class LabelCodes:
 
     @property
     def key(self) -> bytes:
-        """Return what only codes of the same labels have, never empty."""
+        """Return what codes of the same labels have in common, and others not; never empty."""
         return self.labels.cpu().numpy().tobytes()
 
     def recode(self, color: Tensor, tolerance: int = 24) -> tuple[Tensor, Tensor]:

@@ -46,12 +46,8 @@ class Engine:
         if contest is None:
             contest, num_starts, num_poses = self._search(contests, clock)
         queries = contest.queries
-        may_be_told = bool(contest.hypotheses) and self._verdict(contest, num_places=1).status == "localized"
-        if may_be_told and not (hints is not None and hints.has_only_prior):
-            with clock.stage("search"):
-                aliases = aliases_of_pose(queries, contest.hypotheses[0])
-            if aliases:
-                contest.add_aliases(aliases)
+        if hints is None or not hints.has_only_prior:
+            self._add_aliases(contest, clock)
         contest.add_focal_lengths()
         own = queries[contest.hypotheses[0].map_number] if contest.hypotheses else queries[0]
         result = MethodResult(
@@ -110,6 +106,15 @@ class Engine:
             if self.is_sure(best):
                 break
         return best, num_starts, num_poses
+
+    def _add_aliases(self, contest: Contest, clock: StageClock) -> None:
+        """Let the aliases of the best pose compete with it, if it would be told without rivals: until then they are rivals like others."""
+        if not contest.hypotheses or self._verdict(contest, num_places=1).status != "localized":
+            return
+        with clock.stage("search"):
+            aliases = aliases_of_pose(contest.queries, contest.hypotheses[0])
+        if aliases:
+            contest.add_aliases(aliases)
 
     def _verdict(self, contest: Contest, num_places: int | None = None) -> Verdict:
         """Return the verdict over the first so many of the hypotheses."""

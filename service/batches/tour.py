@@ -25,7 +25,7 @@ class Photo:
 def why_left_out(result: Result | None, map_id: str | None, include_ambiguous: bool) -> str | None:
     """Return why a photo is not exported, None when it is.
 
-    map_id: whose photos are exported; None: of all maps. include_ambiguous: also photos that fit several places.
+    map_id: whose photos are exported; None: of all maps. include_ambiguous: also photos that show what looks the same from several places.
     """
     if result is None:
         return "waiting"

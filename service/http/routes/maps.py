@@ -82,8 +82,8 @@ async def patch_map(
     """Change the given fields; the others stay unchanged.
 
     If another unit or up axis changes the map, the stored scan is registered again as a new revision; if the file of a
-    failed revision is damaged or no scan, that of the serving one. The old one answers queries until that is ready. What the scan
-    is read as already is only noted, and answers the question about it.
+    failed revision is damaged or no scan, that of the serving one. The old one answers queries until that is ready.
+    What the scan is read as already is only noted, and answers the question about it.
 
     With `If-Match` the map changes only if it still has that version; otherwise the answer is 412.
     """

@@ -133,3 +133,10 @@ def test_no_other_place_is_surer_than_the_answer_and_together_they_are_one(fits:
     found = judge(judged(0.0, 1.8, fits), *others)
     assert max(found.confidences) == found.confidences[0]
     assert sum(found.confidences) <= 1 + 1e-9
+
+
+def test_no_alias_is_surer_than_the_answer_and_no_other_place_surer_than_an_alias() -> None:
+    found = judge(judged(0.0, 1.8), alias(3.0, 1.6), alias(6.0, 1.9), judged(9.0, 1.5))
+    best, behind, ahead, other = found.confidences
+    assert found.status == "ambiguous"
+    assert best == ahead > behind == other

@@ -8,6 +8,7 @@ import pytest
 from panoloc.core.camera.rig import Rig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery, prepare_queries
@@ -109,3 +110,13 @@ def test_no_alias_is_beyond_the_hints() -> None:
     heading = math.degrees(POSE.yaw_pitch_roll[0])
     hints = Hints(heading_deg=heading, heading_tolerance_deg=40.0)
     assert aliases_of_pose(queries_of(map_of(SYMMETRIC), hints=hints), FOUND) == []
+
+
+def test_maps_share_the_rig_where_their_colours_mean_the_same() -> None:
+    colored, labelled = map_of(BOX), map_of(LABELLED, AS_LABELS)
+    codes = labelled.labels
+    assert codes is not None
+    again = replace(labelled, labels=LabelCodes(codes.labels.clone(), codes.codes))
+    fewer = replace(labelled, labels=LabelCodes(codes.labels[1:], codes.codes[1:]))
+    rigs = [each.rig for each in queries_of(colored, labelled, again, fewer, map_of(OTHER_BOX))]
+    assert [rigs.index(rig) for rig in rigs] == [0, 1, 1, 3, 0]

@@ -122,6 +122,13 @@ def test_what_a_file_lacks_is_said_with_its_place(tmp_path: Path, document: Any,
     assert "transforms.json" in str(caught.value)
 
 
+def test_a_folder_without_the_file_is_named_in_words(tmp_path: Path) -> None:
+    with pytest.raises(TransformsError) as caught:
+        read_transforms(tmp_path, "ros")
+    assert str(caught.value).endswith(f"{tmp_path / 'transforms.json'}: No such file or directory")
+    assert "Errno" not in str(caught.value)
+
+
 def walk(num_images: int) -> dict[str, Any]:
     return {**PINHOLE, "frames": [{"file_path": f"{n}.jpg", "transform_matrix": GL_ROWS} for n in range(num_images)]}
 

@@ -114,12 +114,15 @@ async def test_a_request_of_the_published_client_is_understood(running: RunningS
     assert (job.images[0].data, job.images[0].camera, [ref.id for ref in job.maps]) == (PNG, None, [near])
 
 
-@pytest.mark.parametrize("status", ["ambiguous", "not_localized"])
-async def test_only_a_localized_image_has_a_place(running: RunningService, status: Status) -> None:
+@pytest.mark.parametrize(
+    ("status", "why"), [("ambiguous", "looks the same from several places"), ("not_localized", "fits no place")]
+)
+async def test_only_a_localized_image_has_a_place(running: RunningService, status: Status, why: str) -> None:
     sees_golden(running, status)
     map_id = await placed_map(running)
     reply = await ask(running, question())
     assert (reply.status_code, reply.json()["type"]) == (404, "/problems/no-pose")
+    assert why in reply.json()["detail"]
     assert reply.headers["content-type"] == "application/problem+json"
     reply = await running.client.post(f"/{map_id}/localize/image", files={"image": PNG})
     assert reply.json() == {"success": False, "pose": None, "confidence": 0}

@@ -76,7 +76,8 @@ def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
     assert rows(out / "unplaced.txt") == expected
     assert rows(out / "potree" / "unplaced.txt") == expected
     assert len(rows(out / "potree" / "coordinates.txt")) == 1
-    assert panoloc("export", out, "--export", "potree,tum", "--include-ambiguous", "--out", tmp_path / "more").code == 0
+    more = panoloc("export", out, "--export", "potree,tum", "--include-ambiguous", "--out", tmp_path / "more")
+    assert (more.code, more.out.count("(photos: 1, left out: 2, see unplaced.txt there)")) == (0, 2)
     assert [row[0] for row in rows(tmp_path / "more" / "potree" / "coordinates.txt")[1:]] == ["hall.jpg"]
     assert rows(tmp_path / "more" / "tum" / "unplaced.txt") == expected[1:]
 
