@@ -116,7 +116,7 @@ class Localizer:
             accuracy_orientation_deg=judged.accuracy.orientation_deg,
             panorama_changed_fraction=changes.panorama_changed_fraction,
             map_changed_fraction=changes.map_changed_fraction,
-            score_map_2d=changes.score_map_2d,
+            score_pixels=changes.score_map_2d,
             score_points=changes.point_scores,
             evidence=Evidence(
                 best.measures,

@@ -80,8 +80,7 @@ class Localization:
 
     status and best: `best` is the most probable candidate, also when the status is `not_localized`; None only when
     nothing could be searched. alternatives: other candidates, best first, each elsewhere than the ones before it.
-    accuracy_position_m, accuracy_orientation_deg: 68 % radii. score_map_2d: (h, w) float32 in 0..1, per pixel of the
-    down-scaled panorama, 1 = matches the scan. score_points: works out `point_scores`.
+    accuracy_position_m, accuracy_orientation_deg: 68 % radii. score_pixels: works out `score_map_2d`, score_points `point_scores`.
     timings_s: seconds per stage. evidence: None without a best candidate.
     map_from_session, images: of a query of photos; `best.pose` is then that of its first image. found_cameras: of each image, where
     the answer is for other cameras than those given: of a photo whose field of view was searched, or of images that contradicted it.
@@ -96,7 +95,7 @@ class Localization:
     accuracy_orientation_deg: float | None = None
     panorama_changed_fraction: float | None = None
     map_changed_fraction: float | None = None
-    score_map_2d: NDArray[np.float32] | None = None
+    score_pixels: Callable[[], NDArray[np.float32]] | None = None
     score_points: Callable[[], NDArray[np.float32]] | None = None
     evidence: Evidence | None = None
     warnings: tuple[Remark, ...] = ()
@@ -112,6 +111,15 @@ class Localization:
         """Return the answer with all candidates changed."""
         best = None if self.best is None else change(self.best)
         return replace(self, best=best, alternatives=tuple(map(change, self.alternatives)))
+
+    @cached_property
+    def score_map_2d(self) -> NDArray[np.float32] | None:
+        """Return (h, w) float32 in 0..1 for the pixels of the down-scaled panorama: 1 = matches the scan, NaN = it shows nothing. None
+        without a pose.
+
+        Like `point_scores` worked out when asked for first.
+        """
+        return None if self.score_pixels is None else self.score_pixels()
 
     @cached_property
     def point_scores(self) -> NDArray[np.float32] | None:

@@ -41,11 +41,11 @@ def project_to_image(camera: Camera, directions: Array) -> tuple[Array, Array, N
 def _through_lens(camera: Camera, right: Array, below: Array, ahead: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return distorted image coordinates in focal lengths, and which directions the lens takes in."""
     off_axis = np.hypot(right, below)
-    angle = np.arctan2(off_axis, ahead)
     if camera.model == "opencv_fisheye":
+        angle = np.arctan2(off_axis, ahead)
         scale = fisheye_radius(camera, angle) / np.maximum(off_axis, 1e-12)
         return right * scale, below * scale, angle < fold_of(camera)
-    shown = angle < MAX_PINHOLE_RAD
+    shown = off_axis < math.tan(MAX_PINHOLE_RAD) * ahead
     depth = np.where(shown, ahead, 1.0)
     x, y = right / depth, below / depth
     if not camera.distortion:

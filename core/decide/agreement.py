@@ -84,8 +84,7 @@ def agreement(
     share: of the sphere, that was photographed. patch_deg: degrees that a patch is high and wide. lines: (K,), as in `Agreement`.
     """
     side = round(comparison.views.window.rows * patch_deg / 180)
-    measure = _compiled if has_kernels_for(comparison.scan) else _measured
-    total, correlation_of_all, inside, explained = measure(comparison, side)
+    total, correlation_of_all, inside, explained = _measures(comparison, side)
     coverage = total / (4 * torch.pi)
     relative_coverage = (coverage / share).clamp(0, 1)
     score = 2 * explained * relative_coverage.sqrt()
@@ -94,8 +93,13 @@ def agreement(
     return Agreement(correlation_of_all, inside, coverage, relative_coverage, explained, score, lines)
 
 
-def _measured(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _measures(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return, each (K,), the sum of weights, and correlation, patch_correlation and explained of `Agreement`; side: of a patch, pixels."""
+    return (_compiled if has_kernels_for(comparison.scan) else _measured)(comparison, side)
+
+
+def _measured(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return what `_measures` returns, by tensors."""
     scan, seen, window = comparison.scan, comparison.seen, comparison.views.window
     total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
     pixel_share = comparison.weights / total
@@ -112,7 +116,7 @@ def _measured(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor
 
 
 def _compiled(comparison: Comparison, side: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return what `_measured` returns, by the kernel."""
+    """Return what `_measures` returns, by the kernel."""
     window, count = comparison.views.window, len(comparison.scan)
     measured = comparison.scan.new_empty((count, 4))
     images = comparison.scan, comparison.seen, comparison.weights
@@ -157,7 +161,7 @@ def _of_photo(comparison: Comparison, patch_deg: float) -> PhotoAgreement:
     """Measure the one photo whose pixels have weights (1, S)."""
     window = comparison.views.window
     side = round(window.rows * patch_deg / 180)
-    total, correlation_of_all, _, explained = _measured(comparison, side)
+    total, correlation_of_all, _, explained = _measures(comparison, side)
     share = in_patches(comparison.weights[..., None] / total[:, None, None], window, side)
     mass = share.sum((-2, -1))
     within, colors = share / mass.clamp_min(1e-12)[..., None, None], in_patches(comparison.seen, window, side)

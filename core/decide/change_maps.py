@@ -23,11 +23,11 @@ from panoloc.core.render.synthetic_view import visible_points
 class ChangeMaps:
     """Scores in 0..1 (1 = as scanned) and the shares that changed.
 
-    score_map_2d: (H, W) float32 in the panorama's own pixels, NaN where the scan shows nothing. point_scores: gives (n,) float32 of the
-    rendered cloud's points, NaN for points that the camera does not see. Fractions are of solid angle and of seen points.
+    score_map_2d: gives (H, W) float32 in the panorama's own pixels, NaN where the scan shows nothing. point_scores: gives (n,) float32 of
+    the rendered cloud's points, NaN for points that the camera does not see. Fractions are of solid angle and of seen points.
     """
 
-    score_map_2d: NDArray[np.float32]
+    score_map_2d: Callable[[], NDArray[np.float32]]
     point_scores: Callable[[], NDArray[np.float32]]
     panorama_changed_fraction: float
     map_changed_fraction: float
@@ -50,16 +50,20 @@ def change_maps(
     points = _point_scores(in_view, depth, (sample - position) @ map_from_view, cloud.spacing)
     known = ~points.isnan()
     changed_points = (points[known] < 0.5).float().mean() if bool(known.any()) else torch.zeros(())
-    directions = pixel_directions(height, width, rotation.device) @ (rotation.T @ map_from_view)
-    u, v = project(directions, height, width)
-    share = sample_bilinear(torch.stack((scores * seen, seen.float())), u, v)
-    in_camera = torch.where(share[..., 1] > 0.5, share[..., 0] / share[..., 1].clamp_min(1e-6), torch.nan)
+
+    def score_map_2d() -> NDArray[np.float32]:
+        """Return the scores (H, W) of all pixels, turned from the view to the camera."""
+        directions = pixel_directions(height, width, rotation.device) @ (rotation.T @ map_from_view)
+        u, v = project(directions, height, width)
+        share = sample_bilinear(torch.stack((scores * seen, seen.float())), u, v)
+        in_camera = torch.where(share[..., 1] > 0.5, share[..., 0] / share[..., 1].clamp_min(1e-6), torch.nan)
+        return in_camera.cpu().numpy()
 
     def point_scores() -> NDArray[np.float32]:
         """Return the scores (n,) of all points of the rendered cloud."""
         return _point_scores(in_view, depth, (cloud.positions - position) @ map_from_view, cloud.spacing).cpu().numpy()
 
-    return ChangeMaps(in_camera.cpu().numpy(), point_scores, float(changed), float(changed_points))
+    return ChangeMaps(score_map_2d, point_scores, float(changed), float(changed_points))
 
 
 def _pixel_scores(comparison: Comparison, config: ChangeConfig) -> Tensor:

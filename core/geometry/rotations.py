@@ -90,6 +90,7 @@ def even_directions(count: int) -> Tensor:
     """Return (count, 3) float32 unit vectors on a Fibonacci lattice, the same for every call."""
     step = torch.arange(count, dtype=torch.float64) + 0.5
     height = 1 - 2 * step / count
-    azimuth = math.pi * (1 + math.sqrt(5)) * step
-    radius = (1 - height * height).sqrt()
-    return torch.stack((radius * azimuth.cos(), radius * azimuth.sin(), height), dim=-1).float()
+    # Of an angle within a turn single precision suffices, and takes a third of the time.
+    azimuth = 2 * math.pi * ((1 + math.sqrt(5)) / 2 * step).frac_().float()
+    radius = (1 - height * height).sqrt().float()
+    return torch.stack((radius * azimuth.cos(), radius * azimuth.sin(), height.float()), dim=-1)

@@ -26,6 +26,8 @@ NOWHERE = 10.0, math.pi  # metres and radians: how far off poses are of which no
 
 def joined(parts: Sequence[PointPlanes]) -> PointPlanes:
     """Return the points of several groups of candidates, one group after the other; all with the same patches."""
+    if len(parts) == 1:
+        return parts[0]
     images = [part.images for part in parts if part.images is not None]
     return PointPlanes(
         torch.cat([part.positions for part in parts]),
@@ -63,6 +65,8 @@ class Refined:
     @staticmethod
     def joined(parts: "Sequence[Refined]") -> "Refined":
         """Return the candidates of all parts, in the order of their numbers."""
+        if len(parts) == 1:
+            return parts[0]
         together = Refined(*(torch.cat([getattr(part, f.name) for part in parts]) for f in fields(Refined)))
         return together.take(together.numbers.argsort())
 
@@ -157,6 +161,8 @@ def _without_duplicates(
     converged: list[Refined], poses: Refined, groups: Tensor | None
 ) -> tuple[list[Refined], Tensor]:
     """Leave out the candidates near one of a smaller loss; return the converged ones that are left, and the numbers of others that are."""
+    if not converged and len(poses.numbers) == 1:
+        return converged, torch.zeros_like(poses.numbers)
     together = Refined.joined([*converged, poses])
     order = together.loss.argsort()
     rotations, positions = together.rotations[order], together.positions[order]

@@ -10,6 +10,7 @@ Paper: §3.3 (all starts with all rotations).
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from typing import Any, TypeVar
 
 import torch
@@ -40,17 +41,24 @@ class LineEvidence:
 
     def __init__(self, lines: LineSupport, axes_from_map: Tensor, limits: PoseLimits, config: SearchConfig) -> None:
         self._lines, self._axes_from_map, self._config = lines, axes_from_map, config
-        # Rotations map_from_rig, of which one is near any. Axes at right angles are the same after each of 24 turns.
-        every = rotations_by_axes(config.line_rotations, str(axes_from_map.device))
-        self._every = torch.einsum("ba,nbc->nac", axes_from_map, every)
-        of_axes = lines.of_axes(config.line_rotations)
-        self._of_every = of_axes.repeat(len(every) // len(of_axes))
         if limits.leaves_tilts_beyond(math.pi / 2):
-            best = of_axes.max()
+            best = lines.of_axes(config.line_rotations).max()
         else:
             allowed = self._of_every[limits.allows_rotation(self._every)]
             best = allowed.max() if len(allowed) else torch.tensor(lines.by_chance)
         self.contrast = float(best) - lines.by_chance
+
+    @cached_property
+    def _every(self) -> Tensor:
+        """Return rotations (N, 3, 3) map_from_rig, of which one is near any."""
+        every = rotations_by_axes(self._config.line_rotations, str(self._axes_from_map.device))
+        return torch.einsum("ba,nbc->nac", self._axes_from_map, every)
+
+    @cached_property
+    def _of_every(self) -> Tensor:
+        """Return what `of_rotations` returns (N,) of them. Axes at right angles are the same after each of 24 turns."""
+        of_axes = self._lines.of_axes(self._config.line_rotations)
+        return of_axes.repeat(len(self._every) // len(of_axes))
 
     def of_rotations(self, rotations: Tensor) -> Tensor:
         """Return how well edges agree with rotations (R, 3, 3) map_from_rig: the mean logarithm of the likelihood ratio (R,)."""

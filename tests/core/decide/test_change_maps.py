@@ -64,7 +64,7 @@ def test_points_have_the_score_of_the_pixel_that_shows_them() -> None:
     column = ((math.pi - azimuth) / (2 * math.pi) * WIDTH).long().clamp(0, WIDTH - 1)
     row = ((math.pi / 2 - elevation) / math.pi * HEIGHT).long().clamp(0, HEIGHT - 1)
     # Without a turn the map's pixels are the panorama's.
-    expected = found.score_map_2d[row.numpy(), column.numpy()]
+    expected = found.score_map_2d()[row.numpy(), column.numpy()]
     assert np.mean(np.abs(scores - expected) < 1e-4) > 0.98
     changed = float(np.mean(scores < 0.5))
     assert found.map_changed_fraction == pytest.approx(changed, abs=1e-6)
@@ -74,8 +74,8 @@ def test_what_either_side_does_not_show_is_unknown_and_has_no_share() -> None:
     weights = SOLID.clone()
     weights[:, :24] = 0
     found = compared(picture(), with_block(picture()), weights)
-    assert np.isnan(found.score_map_2d[:, 1:23]).all()
-    assert not np.isnan(found.score_map_2d[:, 25:47]).any()
+    assert np.isnan(found.score_map_2d()[:, 1:23]).all()
+    assert not np.isnan(found.score_map_2d()[:, 25:47]).any()
     assert found.panorama_changed_fraction == pytest.approx(0, abs=0.01)
     assert np.isnan(found.point_scores()).sum() > 3000 + 1400
 
@@ -135,7 +135,7 @@ def test_scores_and_shares_are_those_of_a_loop_over_the_pixels() -> None:
         found = compared(first, second, third, config=config)
         expected = pixel_scores(scan, panorama, weights, config.half_score_difference)
         seen = weights > 0
-        np.testing.assert_allclose(found.score_map_2d[seen], expected[seen], atol=1e-4)
+        np.testing.assert_allclose(found.score_map_2d()[seen], expected[seen], atol=1e-4)
         changed = weights[expected < 0.5].sum() / weights.sum()
         assert 0.02 < changed < 0.98
         assert found.panorama_changed_fraction == pytest.approx(changed, abs=0.003)
@@ -145,13 +145,13 @@ def test_where_no_point_is_seen_none_has_changed() -> None:
     found = compared(picture(), with_block(picture()), torch.zeros_like(SOLID))
     assert found.map_changed_fraction == 0.0
     assert np.isnan(found.point_scores()).all()
-    assert np.isnan(found.score_map_2d).all()
+    assert np.isnan(found.score_map_2d()).all()
 
 
 def test_the_map_is_shown_in_the_panorama_s_own_pixels() -> None:
-    level = compared(picture(), with_block(picture())).score_map_2d
-    turned = compared(picture(), with_block(picture()), turn=(0.0, 0.0, math.pi / 2)).score_map_2d
+    level = compared(picture(), with_block(picture())).score_map_2d()
+    turned = compared(picture(), with_block(picture()), turn=(0.0, 0.0, math.pi / 2)).score_map_2d()
     # A camera turned to the left by a quarter sees what was at its left in the middle.
     np.testing.assert_allclose(turned, np.roll(level, WIDTH // 4, axis=1), atol=1e-3)
-    above = compared(picture(), with_block(picture()), turn=(math.pi, 0.0, 0.0)).score_map_2d
+    above = compared(picture(), with_block(picture()), turn=(math.pi, 0.0, 0.0)).score_map_2d()
     np.testing.assert_allclose(above, level[::-1, ::-1], atol=1e-3)

@@ -37,7 +37,7 @@ def _scored(query: KnownQuery, box_index: MapIndex, truthful: bool) -> Localizat
     pixels = query.changed_pixels[::2, ::2]
     points = box_index.positions.numpy()[:, 0] < 1.0
     flat, solid = (np.where(part == truthful, 0.1, 0.9).astype(np.float32) for part in (pixels, points))
-    return replace(EMPTY, score_map_2d=flat, score_points=lambda: solid)
+    return replace(EMPTY, score_pixels=lambda: flat, score_points=lambda: solid)
 
 
 def test_maps_that_are_the_truth_have_precision_one_and_their_opposite_what_no_knowledge_reaches(
@@ -65,6 +65,6 @@ def test_what_has_no_score_is_not_compared(box: PaintedBox, box_pose: Pose, box_
         query,
         box.scan(),
         box_index,
-        replace(answer, score_map_2d=wrong_pixels, score_points=lambda: wrong_points),
+        replace(answer, score_pixels=lambda: wrong_pixels, score_points=lambda: wrong_points),
     )
     assert found == {}  # nothing that changed is scored, so there is no precision
