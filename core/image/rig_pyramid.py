@@ -189,8 +189,15 @@ class RigPyramid:
         everywhere = even_directions(2 * (EXTENT_ROWS // 2) ** 2)  # as many as a sphere of half these rows has pixels
         return float(self.sees(everywhere.to(self.rotations.device)).float().mean())
 
+    @cached_property
+    def _sees_all(self) -> bool:
+        """Return whether some image shows all of the sphere."""
+        return any(window.place.is_whole and bool(window.valid.all()) for window in self.windows(EXTENT_ROWS).each)
+
     def sees(self, directions: Tensor) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
+        if self._sees_all:
+            return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
         windows = self.windows(EXTENT_ROWS)
         seen = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
         for number in range(len(self)):
@@ -201,9 +208,9 @@ class RigPyramid:
 
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, or almost: within `margin`, radians."""
-        windows = self.windows(CONTRAST.extent_rows)
-        if any(window.place.is_whole and bool(window.valid.all()) for window in windows.each):
+        if self._sees_all:
             return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
+        windows = self.windows(CONTRAST.extent_rows)
         pixels, of = windows.rig_directions[windows.valid > 0], windows.image[windows.valid > 0]
         reach = margin + 0.71 * math.pi / CONTRAST.extent_rows  # half a pixel's diagonal
         # Most directions are nowhere near an image: the cones around them tell these apart at once.
