@@ -33,6 +33,8 @@ from panoloc.service.jobs import ARTIFACTS, MapRef
 
 _TIMEOUT_S = 5.0
 _RETRIES = 3
+_MOST_S = 10.0  # that the HTTP process waits in all, whatever is tried again; a server that hangs refuses no connection
+_MOST_OF_CHECK_S = 4.0  # less than those wait who ask whether the service is ready
 _PROBE_S = 10
 _PROGRESS_LIFETIME_S = 600
 _ONCE_UNDER_WAY_S = 3600  # after which a request whose process is gone may be done again
@@ -101,7 +103,7 @@ class Cache:
     async def check_writable(self) -> None:
         """Raise CacheDownError unless Redis takes a value: one that is full or read-only answers, but keeps nothing."""
         # In one transaction, so that nobody ever meets the key.
-        async with _down_is_said_async(), self._redis.pipeline(transaction=True) as pipe:
+        async with _down_is_said_async(_MOST_OF_CHECK_S), self._redis.pipeline(transaction=True) as pipe:
             pipe.set("probe", b"", ex=_PROBE_S)
             pipe.unlink("probe")
             await pipe.execute()
@@ -233,12 +235,13 @@ def _down_is_said() -> Iterator[None]:
 
 
 @asynccontextmanager
-async def _down_is_said_async() -> AsyncIterator[None]:
+async def _down_is_said_async(most_s: float = _MOST_S) -> AsyncIterator[None]:
     task = asyncio.current_task()
     cancelled_before = task.cancelling() if task else 0
     try:
         with _down_is_said():
-            yield
+            async with asyncio.timeout(most_s):
+                yield
     finally:
         # redis-py waits with `asyncio.wait_for`, which in Python 3.11 forgets a cancellation that comes together
         # with the answer: the task would go on as if nobody had ended it.

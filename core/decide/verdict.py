@@ -46,7 +46,7 @@ _NOTHING_WITHIN_BOUNDS = Remark(
 )
 _FOCAL_LENGTH_IS_UNKNOWN = Remark(
     "accuracy_too_low",
-    "the field of view is not known well enough to tell where the photo was taken; give it exactly (hfov_deg, --hfov 69.4) or, if that "
+    "the field of view is not known well enough to tell where the photo was taken; give it exactly (hfov_deg, --hfov) or, if that "
     "is it, the intrinsics (fx_px) or a photo that shows more of the place",
 )
 _NOISE_IS_TOO_LARGE = Remark(

@@ -22,8 +22,9 @@ class VisibleMaps:
         """Return a map. Raises MapNotFoundError, in the same words for one of other tenants."""
         record = self._records.get(map_id)
         if record is None or not record.is_seen_by(self.tenant):
-            others = "" if self.tenant is None else ", or belongs to a tenant that does not share it with this key "
-            "(shared_with)"
+            others = (
+                "" if self.tenant is None else ", or of a tenant that does not share it with this key (shared_with)"
+            )
             raise MapNotFoundError(
                 f"expected the id of a map, got {map_id[:80]!r}, which is unknown or deleted{others}; "
                 "see the list of maps (GET /maps)"

@@ -225,6 +225,23 @@ async def test_the_http_process_is_told_when_redis_is_away() -> None:
         assert told.value.retry_after_s == 2
 
 
+@pytest.mark.slow
+async def test_a_redis_that_hangs_is_said_to_be_away_before_those_give_up_who_ask() -> None:
+    async def hang(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await gone.wait()
+        writer.close()
+
+    gone = asyncio.Event()
+    server = await asyncio.start_server(hang, "127.0.0.1", 0)
+    cache = Cache(f"redis://127.0.0.1:{server.sockets[0].getsockname()[1]}", result_lifetime_s=500)
+    with pytest.raises(CacheDownError, match="expected an answer from Redis, got TimeoutError"):
+        async with asyncio.timeout(5.0):
+            await cache.check_writable()
+    gone.set()
+    await cache.close()
+    server.close()
+
+
 async def test_a_redis_that_was_away_for_a_moment_is_asked_again(cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
     send, num_failures = AbstractConnection.send_packed_command, 2
 

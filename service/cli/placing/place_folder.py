@@ -64,7 +64,7 @@ class PlaceFolder:
     @classmethod
     @contextmanager
     def held(cls, folder: Path, question: Question) -> Iterator["PlaceFolder"]:
-        """Lock and yield a folder: a new one, one with the same question, or one without results.
+        """Lock and yield a folder: a new one, one with the same question, or one without answers.
 
         The operating system holds the lock, so that a killed process leaves none. Raises typer.BadParameter.
         """
@@ -83,7 +83,8 @@ class PlaceFolder:
                     "wait until it ends, or choose another --out"
                 ) from error
             found = _read(folder / _QUESTION)
-            if found is None or (found != asdict(question) and not (folder / "results").exists()):
+            results = (_read(file) or {} for file in (folder / "results").rglob("*.json"))
+            if found is None or (found != asdict(question) and not any(map(_has_answer, results))):
                 _write(folder / _QUESTION, asdict(question))
             elif found != asdict(question):
                 raise _wrong_out(
@@ -196,6 +197,10 @@ class PlaceFolder:
 
     def _result_file(self, name: str) -> Path:
         return self.folder / "results" / f"{name}.json"
+
+
+def _has_answer(document: JsonObject) -> bool:
+    return "answer" in document.get("result", {})
 
 
 def is_final(result: Result | None) -> bool:

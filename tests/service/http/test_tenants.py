@@ -86,7 +86,7 @@ async def test_a_map_is_not_there_for_keys_of_other_tenants(callers: Callers) ->
     assert (await school.localize(map_id)).status_code == 404
     # In the same words as one that there never was.
     hidden, unknown = [(await school.json(f"/maps/{each}"))["detail"] for each in (map_id, "map_never")]
-    assert "does not share it with this key" in hidden
+    assert "does not share it with this key (shared_with); see" in hidden
     assert hidden.replace(map_id, "map_never") == unknown
     assert (await school.json("/maps"))["items"] == []
     assert [each["id"] for each in (await callers["admin"].json("/maps"))["items"]] == [map_id]

@@ -135,6 +135,16 @@ def test_what_says_nothing_of_the_photo_ends_the_run_and_another_may_correct_it(
     assert place("--hfov", "90").code == 0
 
 
+def test_refused_photos_alone_do_not_keep_a_folder_from_other_options(
+    place: Panoloc, fake: FakeService, out: Path
+) -> None:
+    fake.fail_with = problem(422, "The image is damaged", "send it whole")
+    assert place("--hfov", "80").code == EXIT_ERROR
+    assert list(out.rglob("results/**/*.json"))
+    fake.fail_with = None
+    assert "different run" not in place("--hfov", "90").err
+
+
 @pytest.mark.parametrize(("status", "title"), [(504, "No answer before the deadline"), (500, "The service failed")])
 def test_a_failure_that_is_not_of_the_photo_is_tried_again_by_the_next_run(
     place: Panoloc, fake: FakeService, out: Path, status: int, title: str
