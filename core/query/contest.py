@@ -60,10 +60,9 @@ class Contest:
         self._aliases: list[Hypothesis] = []  # where the map says that all looks as at the best
         self._settled_aliases: list[Hypothesis] = []
 
-    def take(self, proposed: Sequence[Hypothesis], are_close: bool = False) -> None:
-        """Take poses in, refined coarsely unless they are close, and judged: rivals of those that are refined further."""
-        taken = self._judged(proposed, is_first=True) if are_close else self._refined_coarse(proposed)
-        self._coarse = by_score([*self._coarse, *taken], DISTANCES.same)
+    def take(self, proposed: Sequence[Hypothesis]) -> None:
+        """Take poses in, refined coarsely and judged: rivals of those that are refined further."""
+        self._coarse = by_score([*self._coarse, *self._refined_coarse(proposed)], DISTANCES.same)
 
     def add(self, proposed: Sequence[Hypothesis]) -> None:
         """Take poses in, refine those that may win as far as it takes, and rank all anew."""
@@ -98,7 +97,8 @@ class Contest:
         while True:  # each time the best fits better than before
             with self.clock.stage("refine"):
                 tried = self.refinement.medium(with_other_focal_lengths(best, comparison, prior, axis, focal))
-            tried = [h for h in self._judged(tried) if query.allows(h)]
+            with self.clock.stage("judge"):
+                tried = [h for h in self._judged(tried) if query.allows(h)]
             fulls = self._refined_fully(tried[:1])
             if not fulls:
                 break
@@ -147,7 +147,8 @@ class Contest:
     def _refined_coarse(self, proposed: Sequence[Hypothesis]) -> list[Hypothesis]:
         with self.clock.stage("refine"):
             refined = self.refinement.coarse(proposed)
-        return self._judged(merged(refined, DISTANCES.same), is_first=True)
+        with self.clock.stage("judge"):
+            return self._judged(merged(refined, DISTANCES.same), is_first=True)
 
     def rank(self) -> None:
         """Refine the best of the coarse stage on what they see, and the best of these fully; rank them, and then all others."""
@@ -177,7 +178,8 @@ class Contest:
         new = [h for h in chosen if all(h is not other for other in self._before)]
         with self.clock.stage("refine"):
             refined = self.refinement.medium(new)
-        allowed = [h for h in self._judged(refined) if self.queries[h.map_number].allows(h)]
+        with self.clock.stage("judge"):
+            allowed = [h for h in self._judged(refined) if self.queries[h.map_number].allows(h)]
         self._before += new
         self._medium = by_score([*self._medium, *allowed], DISTANCES.same)
         return [h for h in allowed if any(h is other for other in self._medium)]
@@ -232,6 +234,8 @@ class Contest:
 
     def _judged(self, hypotheses: Sequence[Hypothesis], is_first: bool = False) -> list[Hypothesis]:
         """Return hypotheses by falling score, one for each pose; is_first: of all candidates, on coarse renderings."""
-        with self.clock.stage("judge"):
-            judged = [one for n, group in by_map(hypotheses) for one in self.queries[n].judge(group, is_first)]
-            return by_score(judged, DISTANCES.same)
+        judged = []
+        for number, group in by_map(hypotheses):
+            query = self.queries[number]
+            judged += query.judge(group, is_first)
+        return by_score(judged, DISTANCES.same)

@@ -20,7 +20,7 @@ from panoloc.core.options import Hints
 from panoloc.core.query.contest import Contest
 from panoloc.core.query.focal_lengths import FoundCameras, found_cameras, guesses
 from panoloc.core.query.map_query import prepare_queries
-from panoloc.core.query.rounds import aliases_of_pose, is_close, poses_of_prior, propose, rounds_of
+from panoloc.core.query.rounds import aliases_of_pose, poses_of_prior, propose, rounds_of
 from panoloc.core.stage_clock import StageClock
 
 
@@ -68,7 +68,7 @@ class Engine:
             return None
         for contest in contests:
             contest.most_margin = self.config.refinement.margin
-            contest.take(poses_of_prior(contest.queries[0], hints.prior), is_close(hints.prior))
+            contest.take(poses_of_prior(contest.queries[0], hints.prior))
         best = max(contests, key=Contest.best_score)
         # The last steps take the most time; what fits badly before them is no answer after them.
         if hints.prior.is_only or best.is_promising(self.confidence):

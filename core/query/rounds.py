@@ -59,11 +59,6 @@ def propose(
     return [part for part in (best[:first], best[first:]) if part], num_starts, num_poses
 
 
-def is_close(prior: PosePrior) -> bool:
-    """Return whether the rig is expected so close that what it sees there aligns it; else what starts see brings it there."""
-    return prior.position_std_m <= DISTANCES.same.distance_m and prior.orientation_std_deg <= DISTANCES.same.angle_deg
-
-
 def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
     """Return poses of the rig where the caller expects its first camera.
 

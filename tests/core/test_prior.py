@@ -15,8 +15,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import Frame, Hints, PosePrior
-from panoloc.core.query.refinement import Refinement
-from panoloc.core.query.rounds import is_close, poses_of_prior
+from panoloc.core.query.rounds import poses_of_prior
 from panoloc.core.results import Localization
 from tests.core.built_maps import BOX, COARSE, OTHER_BOX, POSE, SYMMETRIC, answer, localized, map_of, panorama, rig_of
 from tests.core.found_pose import assert_found, best_of, known
@@ -29,11 +28,6 @@ def expected(pose: Pose, frame: Frame = "ros") -> Hints:
     given = pose.in_frame(frame)
     x, y, z, w = given.quaternion_xyzw.tolist()
     return Hints(prior=PosePrior(tuple(given.position.tolist()), (x, y, z, w), frame))
-
-
-def expected_close(pose: Pose, std_m: float = 0.1, std_deg: float = 3.0) -> PosePrior:
-    """Return a prior that is as uncertain as a close one may be, or so much."""
-    return replace(known(expected(pose).prior), position_std_m=std_m, orientation_std_deg=std_deg)
 
 
 def moved(pose: Pose, metres: tuple[float, float, float], yaw_deg: float) -> Pose:
@@ -50,26 +44,6 @@ def test_where_a_prior_holds_nothing_is_searched(frame: Frame) -> None:
     # Less sure than after a search: nobody has looked elsewhere.
     assert best_of(found).confidence <= best_of(answer()).confidence
     assert known(found.evidence).features["margin"] == LocalizerConfig().refinement.margin
-
-
-def test_a_close_prior_needs_nothing_that_starts_see(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Refinement, "coarse", None)
-    prior = expected_close(moved(POSE, (0.06, -0.05, 0.03), 3.0))
-    found = localized(panorama(), hints=Hints(prior=prior))
-    assert (found.status, found.search.num_starts) == ("localized", 0)
-    assert_found(found, POSE)
-
-
-def test_a_prior_that_is_said_to_be_close_and_is_wrong_changes_no_answer() -> None:
-    prior = expected_close(moved(POSE, (2.0, -1.0, 0.0), 120.0))
-    found = localized(panorama(), hints=Hints(prior=prior))
-    assert (found.status, found.search.num_starts) == ("localized", answer().search.num_starts)
-    assert_found(found, POSE)
-
-
-@pytest.mark.parametrize(("std_m", "std_deg", "close"), [(0.1, 3.0, True), (0.11, 3.0, False), (0.1, 3.1, False)])
-def test_a_prior_is_close_where_all_poses_that_it_leaves_are_one(std_m: float, std_deg: float, close: bool) -> None:
-    assert is_close(expected_close(POSE, std_m, std_deg)) is close
 
 
 def test_with_a_prior_no_field_of_view_of_a_photo_is_searched_either() -> None:
