@@ -117,7 +117,7 @@ class Localization:
         """Return (h, w) float32 in 0..1 for the pixels of the down-scaled panorama: 1 = matches the scan, NaN = it shows nothing. None
         without a pose.
 
-        Like `point_scores` worked out when asked for first.
+        Like `point_scores`, worked out when first asked for.
         """
         return None if self.score_pixels is None else self.score_pixels()
 

@@ -33,7 +33,7 @@ from panoloc.service.jobs import ARTIFACTS, MapRef
 
 _TIMEOUT_S = 5.0
 _RETRIES = 3
-_MOST_S = 10.0  # that the HTTP process waits in all, whatever is tried again; a server that hangs refuses no connection
+_MOST_S = 10.0  # that the HTTP process waits in all, retries included: a server that hangs refuses no connection
 _MOST_OF_CHECK_S = 4.0  # less than those wait who ask whether the service is ready
 _PROBE_S = 10
 _PROGRESS_LIFETIME_S = 600
