@@ -41,37 +41,31 @@ class Seen:
 
 
 def ask_up_axis(context: ReadingContext, read_as: ReadAs, seen: Seen, up: UpAxis, is_sure: bool, metres: float) -> None:
-    """Ask which axis points up; where it was given, only note a contradiction. up: by what was scanned.
+    """Ask which axis points up. up: by what was scanned.
 
     metres: by which the positions seen become metres, where their unit is judged.
     """
-    code, found = "up_axis_doubtful", f"{up} points up" if is_sure else "it is not certain which axis points up"
-    message = f"From its floor, ceiling and walls {found}"
-    if read_as.up_axis_from == "given":
-        message = f"From its floor, ceiling and walls, {read_as.up_axis}, which was given, does not point up. Check it."
-        context.note(code, message, "warning")
-        return
+    found = f"{up} points up" if is_sure else "it is not certain which axis points up"
+    was_taken = "was given" if read_as.up_axis_from == "given" else "was taken"
     choices = []
     for axis in _AXES:
         storey = seen.looks["xyz".index(axis[-1])].storey
-        if storey is not None or axis in ("z", up):
+        if storey is not None or axis in ("z", up, read_as.up_axis):
             turned = ScanFrame(metres, metres, axis).to_map(seen.positions)
             height = None if storey is None else storey.height * metres
             choices.append(_choice(f"{axis} up", {"up_axis": axis}, turned, height))
-    context.ask(code, f"{message}; {read_as.up_axis} was taken.", "Which axis of the scan points up?", choices)
+    message = f"From its floor, ceiling and walls {found}; {read_as.up_axis} {was_taken}."
+    context.ask("up_axis_doubtful", message, "Which axis of the scan points up?", choices)
 
 
 def ask_unit(context: ReadingContext, frame: ScanFrame, read_as: ReadAs, seen: Seen, storey: Storey) -> None:
-    """Ask for the unit of coordinates whose storeys are too low or too high; where it was given, only note that."""
+    """Ask for the unit of coordinates whose storeys are too low or too high."""
     height, unit, height_unit = storey.height, nearest_unit(frame.metres), nearest_unit(frame.height_metres)
     code = "heights_doubtful" if read_as.unit_from == "file" else "unit_doubtful"
     message = (
         f"With heights in {_WORDS[height_unit]} there are {height:.2f} m between floor and ceiling; expected "
         f"{LEAST_STOREY_M:g} to {HIGHEST_STOREY_M:g} m."
     )
-    if "given" in (read_as.unit_from, read_as.height_unit_from):
-        context.note(code, f"{message} Check the given unit.", "warning")
-        return
     choices = [_choice("as it is", {"unit": unit, "height_unit": height_unit}, seen.positions, height)]
     for other in JUDGED_UNITS:
         scale = METRES_PER_UNIT[other] / frame.height_metres

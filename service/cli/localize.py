@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
 from typing import Annotated
 
@@ -168,16 +169,27 @@ def _session_query(session: Session, tracked: Path, frame: Frame, up_known: bool
 def save_answer(folder: Path, stem: str, images: Sequence[Path], answer: JsonObject, client: JsonClient) -> list[Path]:
     """Write `STEM.json` and up to three pictures into a folder, and return these files.
 
-    images: what was sent; the answer lists them as `files`, for exports.
+    images: what was sent; the answer lists them as `files`, for exports. The answer to other images of that name stays: then it is
+    `STEM-2.json`.
     """
-    written = [folder / f"{stem}.json"]
     document = {"files": [str(image.resolve()) for image in images], **answer}
+    names = chain([stem], (f"{stem}-{number}" for number in count(2)))
+    stem = next(name for name in names if _files_of(folder / f"{name}.json") in (None, document["files"]))
+    written = [folder / f"{stem}.json"]
     text = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
     written[0].write_bytes(text.encode(errors="backslashreplace"))  # file names that are not UTF-8
     for kind, path in answer["artifacts"].items():
         written.append(folder / f"{stem}.{kind.replace('_', '-')}.png")
         written[-1].write_bytes(client.fetch(path))
     return written
+
+
+def _files_of(answer: Path) -> object:
+    """Return of which images there is an answer in a file; None where there is none."""
+    try:
+        return json.loads(answer.read_bytes()).get("files")
+    except (FileNotFoundError, ValueError, AttributeError):
+        return None
 
 
 def _show(session: Session, client: JsonClient, query: _Query, answer: JsonObject, saved: Sequence[Path]) -> None:

@@ -113,6 +113,9 @@ def set_(
     changes = {
         key: value or None if key == "coordinate_system" else value for key, value in given.items() if value is not None
     }
+    if not changes:
+        options = ", ".join(f"--{key.replace('_', '-').removesuffix('-m')}" for key in given)
+        raise typer.BadParameter(f"expected what to change, got nothing; give at least one of {options}")
 
     def set_one(client: JsonClient, map_id: str) -> None:
         changed = client.change_map(map_id, changes)

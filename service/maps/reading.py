@@ -29,10 +29,10 @@ def wanted_reading(record: MapRecord, given: Mapping[str, Any]) -> ScanOptions:
 def with_stated(record: MapRecord, given: Mapping[str, Any]) -> MapRecord:
     """Return a map with options that only state how its scan is read already, without the questions that they answer.
 
-    Where they alter the reading, the same map is returned.
+    Where there are none, or they alter the reading, the same map is returned.
     """
     former, wanted = revision_to_read(record), wanted_reading(record, given)
-    if wanted == former.options.scan or is_read_otherwise(former, wanted):
+    if not given or is_read_otherwise(former, wanted):
         return record
     stated = {"unit": wanted.unit, "height_unit": _height_unit(wanted, wanted.unit), "up_axis": wanted.up_axis}
     doubts = [each for each in former.diagnostics if not _is_answered(each, stated)]

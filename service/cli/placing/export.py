@@ -30,6 +30,7 @@ IMAGES_AT_A_TIME = 200
 """Files that are open at the same time, and images on a page."""
 
 _REFUSED, _NOT_FOUND = 422, 404
+_E57_HEAD = b"ASTM-E57"
 
 
 FormatsOption = Annotated[
@@ -60,7 +61,7 @@ def export(
         Path | None, typer.Option(file_okay=False, help="Folder that gets one subfolder per format; default: SOURCE.")
     ] = None,
     map_id: Annotated[
-        str | None, typer.Option("--map", help="Only photos in this map, for a batch in several maps.")
+        str | None, typer.Option("--map", help="Only photos in this map, of photos in several maps.")
     ] = None,
     include_ambiguous: IncludeAmbiguousOption = False,
     scan: Annotated[
@@ -77,6 +78,8 @@ def export(
     wanted = formats_of(formats)
     if not wanted:
         raise typer.BadParameter("expected at least one format, got none", param_hint="--export")
+    if scan is not None and not is_e57(scan):
+        raise typer.BadParameter(f"expected an E57 file, got {scan}, which is none", param_hint="--scan")
     folder = Path(source)
     if out is not None:
         make_out_folder(out)
@@ -84,14 +87,14 @@ def export(
         if (placed_folder := PlaceFolder.open(folder)) is not None:
             stale = _refresh(client, placed_folder)
             placed = placed_folder.placed()
-            written = placed.write_exports(wanted, include_ambiguous, out or folder, scan)
+            written = placed.write_exports(wanted, include_ambiguous, out or folder, scan, map_id)
             if written.refusals and stale:
                 session.messages.print(f"Note: {stale}", markup=False)
         elif folder.exists():
             placed = _read_answers(folder, Path(maps_folder))
             placed.fetch_maps(client)
             target = out or (folder if folder.is_dir() else folder.parent)
-            written = placed.write_exports(wanted, include_ambiguous, target, scan)
+            written = placed.write_exports(wanted, include_ambiguous, target, scan, map_id)
         elif source.startswith("batch_"):
             query = {"map_id": map_id} if map_id else {}
             query |= {"include": "ambiguous"} if include_ambiguous else {}
@@ -238,6 +241,12 @@ def _fetch_exports(
                 archive.extractall(out / name)
         written.paths.append(out / name)
     return written
+
+
+def is_e57(file: Path) -> bool:
+    """Tell whether a file begins as an E57 does. Raises OSError."""
+    with file.open("rb") as stream:
+        return stream.read(len(_E57_HEAD)) == _E57_HEAD
 
 
 def _wrong_source(message: str) -> typer.BadParameter:

@@ -24,6 +24,7 @@ from panoloc.service.cli.placing.export import (
     IncludeAmbiguousOption,
     check_on_earth,
     formats_of,
+    is_e57,
     show_refusals,
     take_hand_placements,
 )
@@ -39,7 +40,7 @@ from panoloc.service.cli.query_options import (
     camera_object,
     check_map_choice,
 )
-from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.client import ApiProblemError, ClientError, JsonClient, JsonObject, UnreachableError
 from panoloc.service.jobs import QueryOptions, Result
 
@@ -47,7 +48,6 @@ from panoloc.service.jobs import QueryOptions, Result
 _OF_ALL_PHOTOS = (401, 403, 404, 409)
 _OVERLOADED = (429, 503)
 _RETRY_S, _GIVE_UP_S = 1.0, 600.0
-_E57_HEAD = b"ASTM-E57"
 
 
 def place(
@@ -87,6 +87,7 @@ def place(
     with session.client(url) as client:
         maps = client.list_maps(tag) if tag else (client.get_map(each) for each in question.map_ids)
         check_on_earth(formats, maps)
+        make_out_folder(out)
         with PlaceFolder.held(out, question) as folder:
             try:
                 take_hand_placements(client, folder)
@@ -105,9 +106,8 @@ def _folder_of_photos(given: Path, out: Path) -> Path:
     """Return a folder itself, or `OUT/images` with the images of an E57 file. Raises typer.BadParameter and OSError."""
     if given.is_dir():
         return given
-    with given.open("rb") as stream:
-        if stream.read(len(_E57_HEAD)) != _E57_HEAD:
-            raise _wrong_folder(f"expected a folder of photos or an E57 file, got {given}, which is neither")
+    if not is_e57(given):
+        raise _wrong_folder(f"expected a folder of photos or an E57 file, got {given}, which is neither")
     folder = out / "images"
     try:
         found = json.loads(run_module("panoloc.core.scan.e57", str(given), str(folder)))

@@ -8,6 +8,7 @@ plan.png, contact-sheet.jpg   where the photos are in the scan, and the result o
 """
 
 import fcntl
+import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,6 +31,7 @@ _QUESTION = "place.json"
 _LOCK = ".lock"
 _OF_THE_PHOTO = (413, 415, 422)
 _OPTIONS_REFUSED = "/problems/invalid-options"
+_LONGEST_NAME = 240  # bytes of a file name that leave room for what is added to it
 _UNREAD_ENDINGS = frozenset({".tif", ".tiff", ".dng", ".insp", ".jxl", ".jp2", ".bmp", ".gif"})
 
 
@@ -196,7 +198,9 @@ class PlaceFolder:
         return _read(self._result_file(photo.name)) or {}
 
     def _result_file(self, name: str) -> Path:
-        return self.folder / "results" / f"{name}.json"
+        file = self.folder / "results" / f"{name}.json"
+        own = os.fsencode(file.name)
+        return file if len(own) <= _LONGEST_NAME else file.with_name(f"{hashlib.sha256(own).hexdigest()}.json")
 
 
 def _has_answer(document: JsonObject) -> bool:

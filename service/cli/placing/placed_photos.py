@@ -5,11 +5,11 @@ of work and nothing else.
 """
 
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,14 +56,23 @@ class PlacedPhotos:
                 replace_file(file.with_suffix(".ply"), points)
 
     def write_exports(
-        self, formats: Sequence[ExportFormat], include_ambiguous: bool, out: Path, survey: Path | None = None
+        self,
+        formats: Sequence[ExportFormat],
+        include_ambiguous: bool,
+        out: Path,
+        survey: Path | None = None,
+        only_map: str | None = None,
     ) -> Written:
         """Write each format into a folder below `out`; with several maps, below a folder per map.
 
         A format that cannot hold the photos does not stop the others. survey: the scan itself, an E57 in the frame of
-        the map. Raises typer.BadParameter if a map is not stored.
+        the map. Raises typer.BadParameter if a map is not stored, or if no photo is in the only one that is wanted.
         """
         written, maps = Written(), self.maps()
+        if only_map is not None and only_map not in maps:
+            message = f"expected a map with photos in it, got {only_map}; the photos are in {', '.join(maps) or 'none'}"
+            raise typer.BadParameter(message, param_hint="--map")
+        maps = maps if only_map is None else [only_map]
         for map_id in maps:
             file = self.maps_folder / f"{map_id}.json"
             try:
@@ -77,12 +86,13 @@ class PlacedPhotos:
             )
             for name in formats:
                 target = out / name if len(maps) == 1 else out / map_id / name
+                is_new = not target.exists()
                 try:
                     run_module("panoloc.core.exports", name, str(target), document=tour)
                     written.paths.append(target)
                 except ProcessFailedError as error:
-                    with suppress(OSError):  # a refused format leaves an empty folder
-                        target.rmdir()
+                    if is_new:  # half of an export looks like a whole one
+                        shutil.rmtree(target, ignore_errors=True)
                     how = f"; {how_to_place(map_id)} sets one" if lacks_place(name, place) else ""
                     written.refusals.append(f"{error}{how}")
         return written

@@ -225,8 +225,17 @@ def test_panoramas_of_the_same_name_do_not_overwrite_each_other(
     other = tmp_path / "other" / panorama.name
     other.parent.mkdir()
     other.write_bytes(b"another")
-    panoloc("localize", panorama, other, "--map", "map_1", "--out", tmp_path / "out")
+    into = "--map", "map_1", "--out", tmp_path / "out"
+    panoloc("localize", panorama, other, *into)
     assert {path.name for path in (tmp_path / "out").glob("*.json")} == {"photo.json", "photo-2.json"}
+    # Nor do those of another command; the same photo has one answer.
+    third = tmp_path / "third" / panorama.name
+    third.parent.mkdir()
+    third.write_bytes(b"a third")
+    for again in (third, third, panorama):
+        panoloc("localize", again, *into)
+    files = {path.name: json.loads(path.read_text())["files"] for path in (tmp_path / "out").glob("*.json")}
+    assert files == {"photo.json": [str(panorama)], "photo-2.json": [str(other)], "photo-3.json": [str(third)]}
 
 
 def test_one_refused_panorama_does_not_stop_the_others(

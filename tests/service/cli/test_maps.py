@@ -137,6 +137,12 @@ def test_who_does_not_say_with_whom_takes_a_map_from_nobody(panoloc: Panoloc, fa
     assert "make a code for phones" in done.err
 
 
+def test_nothing_is_not_changed(panoloc: Panoloc, fake: FakeService) -> None:
+    outcome = panoloc("maps", "set", "map_1")
+    assert (outcome.code, "give at least one of --name, --unit" in outcome.said) == (ExitCode.USAGE, True)
+    assert fake.requests == []
+
+
 @pytest.mark.parametrize(
     ("url", "note"),
     [

@@ -173,6 +173,7 @@ async def test_patch_reads_the_stored_scan_again_while_the_old_map_serves(runnin
         ({}, {"unit": "m", "height_unit": "ft"}, 2),
         ({"unit": "us-ft"}, {"coordinate_system": "EPSG:2230"}, 1),
         ({"unit": "ft"}, {"unit": "auto"}, 2),
+        ({"unit": "ft"}, {"unit": "ft"}, 1),
     ],
 )
 async def test_what_a_scan_is_read_as_already_is_noted_without_reading_it_again(

@@ -88,6 +88,10 @@ async def test_a_map_is_not_there_for_keys_of_other_tenants(callers: Callers) ->
     hidden, unknown = [(await school.json(f"/maps/{each}"))["detail"] for each in (map_id, "map_never")]
     assert "does not share it with this key (shared_with); see" in hidden
     assert hidden.replace(map_id, "map_never") == unknown
+    # Whoever sees a map is told the id of one that was named.
+    await callers["museum"].client.patch(f"/maps/{map_id}", json={"name": "the hall"})
+    told = [(await callers[each].json("/maps/the%20hall"))["detail"] for each in ("museum", "school")]
+    assert [f"the name of {map_id}; send the id" in words for words in told] == [True, False]
     assert (await school.json("/maps"))["items"] == []
     assert [each["id"] for each in (await callers["admin"].json("/maps"))["items"]] == [map_id]
 

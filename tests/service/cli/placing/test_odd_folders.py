@@ -54,6 +54,20 @@ def test_a_name_that_is_no_utf_8_is_placed_too(place: Panoloc, tmp_path: Path, o
     assert "already done: 2 of 2 photos" in place().err
 
 
+def test_the_longest_name_of_a_file_does_not_end_the_run(place: Panoloc, tmp_path: Path) -> None:
+    folder_of(tmp_path, "a.jpg", f"{'x' * 251}.jpg")
+    outcome = place("--export", "tum")
+    assert (outcome.code, "2 photos: 2 localized" in outcome.out) == (0, True), outcome.err
+    assert "already done: 2 of 2 photos" in place().err
+
+
+def test_an_out_that_cannot_be_written_is_named(panoloc: Panoloc, tmp_path: Path) -> None:
+    folder_of(tmp_path, "a.jpg")
+    (tmp_path / "file").touch()
+    outcome = panoloc("place", tmp_path / "photos", "--map", "map_1", "--out", tmp_path / "file" / "out")
+    assert (outcome.code, "expected a folder that can be written" in outcome.said) == (EXIT_ERROR, True)
+
+
 def test_a_file_that_cannot_be_read_fails_alone_and_is_tried_again(place: Panoloc, tmp_path: Path, out: Path) -> None:
     (folder_of(tmp_path, "a.jpg") / "gone.jpg").symlink_to(tmp_path / "nowhere.jpg")
     outcome = place()

@@ -1,6 +1,7 @@
 """A folder of photos: placed, taken up again, and written for other systems."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import httpx
@@ -229,6 +230,29 @@ def test_photos_in_several_maps_are_written_map_by_map(
     assert panoloc("place", photos, "--tag", "house", "--out", out, "--export", "potree").code == 0
     assert [row[0] for row in rows(out / "map_2" / "potree" / "coordinates.txt")[1:]] == ["hall.jpg"]
     assert rows(out / "map_1" / "potree" / "unplaced.txt") == [["hall.jpg", "placed in another map, map_2"]]
+    assert panoloc("export", out, "--export", "tum", "--map", "map_2").code == 0
+    assert json.loads((out / "tum" / "export.json").read_text())["num_photos"] == 1
+    outcome = panoloc("export", out, "--export", "tum", "--map", "map_3")
+    assert (outcome.code, "the photos are in map_1, map_2" in outcome.said) == (EXIT_USAGE, True)
+
+
+def test_an_export_that_fails_leaves_no_half_of_it_and_what_was_there_stays(
+    place: Panoloc, panoloc: Panoloc, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert place("--export", "tum").code == 0
+    whole = sorted(path.name for path in (out / "tum").iterdir())
+
+    def full(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        """Write a part, as until a disk is full."""
+        Path(command[-1]).mkdir(exist_ok=True)
+        (Path(command[-1]) / "part").write_text("half")
+        return subprocess.CompletedProcess(command, 1, "", "OSError: [Errno 28] No space left on device")
+
+    monkeypatch.setattr(subprocess, "run", full)
+    outcome = panoloc("export", out, "--export", "tum,potree")
+    assert (outcome.code, "No space left" in outcome.said) == (EXIT_ERROR, True)
+    assert not (out / "potree").exists()
+    assert set(whole) <= {path.name for path in (out / "tum").iterdir()}
 
 
 def test_json_has_a_line_per_photo_and_one_of_all(place: Panoloc) -> None:
@@ -274,6 +298,8 @@ def test_wrong_usage_is_told(place: Panoloc, panoloc: Panoloc, fake: FakeService
     assert (outcome.code, "another --out" in outcome.err) == (EXIT_USAGE, True)
     for source, formats in ((photos, "potree"), ("nowhere", "potree"), (out, ",")):
         assert panoloc("export", source, "--export", formats).code == EXIT_USAGE
+    outcome = panoloc("export", out, "--export", "e57", "--scan", photos / "notes.txt")
+    assert (outcome.code, "expected an E57 file" in outcome.said) == (EXIT_USAGE, True)
     assert num_queries(fake) == 3
 
 
