@@ -331,6 +331,7 @@ class FocalConfig:
     power: float = 25.0  # of the ratio of their scores, that poses of two focal lengths are as probable as
     damping: float = 0.002  # more would hold pose and focal length in the valley that they share
     noise: float = 0.07  # of the logarithm, for images with unit information of it
+    contradiction: float = 4.0  # times that uncertainty is no chance
 
 
 @dataclass(frozen=True)

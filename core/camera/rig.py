@@ -3,6 +3,7 @@
 A panorama is a rig of one camera that covers the sphere, a photo of one that covers a part, a session of several.
 """
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -116,6 +117,18 @@ class Rig:
         return tuple(
             f"image {number}: {words}" for number, photo in enumerate(self.photos, 1) for words in photo.left_out
         )
+
+    def cut_on_one_side(self) -> "list[Rig]":
+        """Return the rig of a panorama of which a strip all around is left, cut below alone and above alone; none where its horizon is
+        known. A field of view says nothing of that: `Camera.from_hfov` puts it in the middle.
+        """
+        photo, *others = self.photos
+        camera, quarter = photo.camera, photo.camera.fy_px * math.pi / 2
+        is_strip = camera.model == "equirectangular" and camera.hfov_deg >= 360 and camera.height_px < 2 * quarter - 1
+        if others or not is_strip or not photo.focal_uncertainty:
+            return []
+        sides = (replace(camera, cy_px=cy_px) for cy_px in (quarter, camera.height_px - quarter))
+        return [replace(self, images=(replace(self.images[0], photo=replace(photo, camera=side)),)) for side in sides]
 
     def with_focal_factor(self, factor: float) -> "Rig":
         """Return the rig with cameras of longer focal lengths, by a factor."""

@@ -18,7 +18,7 @@ struct Rules {
     bool has_last;
 };
 
-constexpr double METRES_PER_RAD = 1.5, METRES_PER_LOG = 2;
+constexpr double METRES = 1.5;
 
 EVERYWHERE double larger(double a, double b) { return a < b ? b : a; }
 
@@ -85,8 +85,8 @@ EVERYWHERE void move(const float* hessian, const float* gradient, const Rules& r
     solve(rows, right);
     for (int k = 0; k < UNKNOWNS; ++k) step[k] = float(-(is_last ? 1 : rules.lengthening) * right[k]);
     // As a whole: a part of it alone would leave the valley that pose and focal length share.
-    const double spread = UNKNOWNS == 7 ? METRES_PER_LOG * fabs(step[UNKNOWNS - 1]) : 0;
-    const double longest = larger(larger(METRES_PER_RAD * length_of(step), length_of(step + 3)), spread) / rules.max_step_m;
+    const double spread = UNKNOWNS == 7 ? METRES * fabs(step[UNKNOWNS - 1]) : 0;
+    const double longest = larger(larger(METRES * length_of(step), length_of(step + 3)), spread) / rules.max_step_m;
     for (int k = 0; k < UNKNOWNS; ++k) step[k] = float(step[k] / larger(longest, 1));
     for (int r = 0; r < 3; ++r)
         position[r] += rotation[3 * r] * step[3] + rotation[3 * r + 1] * step[4] + rotation[3 * r + 2] * step[5];

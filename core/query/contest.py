@@ -20,7 +20,12 @@ from panoloc.core.decide.hypotheses import (
     with_aliases,
     within_margin,
 )
-from panoloc.core.query.focal_lengths import focal_uncertainty, with_other_focal_lengths
+from panoloc.core.query.focal_lengths import (
+    contradicts,
+    focal_uncertainty,
+    leaves_stated,
+    with_other_focal_lengths,
+)
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.refinement import Refinement
 from panoloc.core.refine.step import PointPlanes
@@ -52,6 +57,7 @@ class Contest:
         self.refinement = Refinement(queries, config)
         self.hypotheses: list[Hypothesis] = []
         self.comparison: Comparison | None = None
+        self._points: PointPlanes | None = None  # that the best was refined on
         self.most_margin: float | None = None
         self._coarse: list[Hypothesis] = []  # by score
         self._medium: list[Hypothesis] = []  # by score
@@ -86,15 +92,20 @@ class Contest:
         self.rank()
 
     def add_focal_lengths(self) -> None:
-        """Let poses with other focal lengths compete with the best; anew from the best of them while that is better, and in place of one
-        whose focal length is but a guess."""
+        """Let the images contradict a focal length that is stated. Unless it was measured, let poses with others compete with the best;
+        anew from the best of them while that is better, and in place of one whose focal length is but a guess."""
         prior, focal = self.queries[0].rig.prior, self.config.focal
         if not self.hypotheses or self.comparison is None or prior is None:
             return
         best, comparison, losers = self.hypotheses[0], self.comparison, []
         query = self.queries[best.map_number]
         axis = query.rig.pyramid.rotations[0][:, 0]
-        while True:  # each time the best fits better than before
+        free = self._contradicting(query, best) if prior.is_stated else None
+        if free is not None:  # what it was is no rival
+            others = [h for h in self.hypotheses if not h.is_near(best, DISTANCES.place)]
+            best, comparison = self._with_signs(free), free.comparison
+            self.hypotheses = [best, *others]
+        while not prior.is_measured:  # each time the best fits better than before
             with self.clock.stage("refine"):
                 tried = self.refinement.medium(with_other_focal_lengths(best, comparison, prior, axis, focal))
             with self.clock.stage("judge"):
@@ -116,6 +127,16 @@ class Contest:
         best = replace(best, measures=best.measures | {"focal_odds": odds})
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
         self.hypotheses, self.comparison = [best, *rest], comparison
+
+    def _contradicting(self, query: MapQuery, best: Hypothesis) -> _Full | None:
+        """Return the best pose with the focal length that the images say it has, None where that may be the stated one."""
+        assert self._points is not None
+        with self.clock.stage("refine"):
+            looked = self.refinement.with_free_focal_length(query, best, self._points)
+        if not leaves_stated(looked, self.config.focal, self.config.focal.contradiction / 2):
+            return None
+        fulls = self._refined_fully([replace(best, log_focal=0.0)])
+        return fulls[0] if fulls and contradicts(fulls[0].final, best, self.config.focal) else None
 
     @property
     def is_guess(self) -> bool:
@@ -189,9 +210,10 @@ class Contest:
         finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
         others = [h for h in self._medium if all(h is not other for other in chosen)]
         if not finals:
-            self.hypotheses, self.comparison = [], None
+            self.hypotheses, self.comparison, self._points = [], None, None
             return
-        best, self.comparison, place = self._with_signs(finals[0]), finals[0].comparison, DISTANCES.place
+        best, self.comparison, self._points = self._with_signs(finals[0]), finals[0].comparison, finals[0].points
+        place = DISTANCES.place
         ranked = [full.final for full in finals[1:]]
         if all(h.is_near(best, place) for h in ranked):
             # Margins compare like with like: the best place elsewhere is judged as the best was. Where all others are at the best place,

@@ -1,8 +1,9 @@
 """Focal lengths that are not known for certain: what is known of them before a pose is, and what poses say of them.
 
 A crop, a zoom, a video of a phone that shows less than its photos: a camera with another field of view than stated seems to stand in front
-of or behind its place, and all else fits nearly as well. So the best pose is also refined from where the camera would stand with other
-focal lengths, each unknown number seven of the refinement. These poses compete with the best one.
+of or behind its place, and all else fits nearly as well. So the focal length of the best pose becomes unknown number seven of the
+refinement: images may contradict what is stated. Unless that was measured, the pose is also refined from where the camera would stand with
+other focal lengths. These poses compete with the best one.
 """
 
 import math
@@ -29,11 +30,12 @@ _WHAT_TO_DO = (
 @dataclass(frozen=True)
 class FocalPrior:
     """What is known of the focal lengths of a rig: bounds of their logarithm over those of its cameras; whether these are stated, and so
-    likelier than all others, or one guess among many."""
+    likelier than all others, or one guess among many; and whether they were measured, and so are others only where the images say so."""
 
     least: float
     most: float
     is_stated: bool
+    is_measured: bool = False
 
     def is_as_stated(self, log_focal: float | None, step: float) -> bool:
         """Return whether a focal length, the logarithm of its factor, is the stated one: the search bears half a step."""
@@ -50,8 +52,7 @@ class FocalPrior:
 
 
 def focal_prior(rig: Rig, config: FocalConfig) -> FocalPrior | None:
-    """Return what is known of the focal lengths of a rig; None where its cameras have none,
-    or their intrinsics were given.
+    """Return what is known of the focal lengths of a rig; None where its cameras have none.
 
     Raises OptionsError where bounds are known of some of several photos, or others of each.
     """
@@ -64,20 +65,19 @@ def focal_prior(rig: Rig, config: FocalConfig) -> FocalPrior | None:
         )
     if not rig.has_focal_length:
         return None
-    if range_deg is None and not any(photo.focal_uncertainty for photo in photos):
-        return None
     if range_deg is None:
-        return FocalPrior(*config.bounds, is_stated=True)
+        is_measured = not any(photo.focal_uncertainty for photo in photos)
+        return FocalPrior(*config.bounds, is_stated=True, is_measured=is_measured)
     least, most = (_log_factor(photos[0].camera, width) for width in reversed(range_deg))
     return FocalPrior(least, most, is_stated=False)
 
 
 def guesses(rig: Rig, config: FocalConfig) -> list[Rig]:
     """Return the rig with focal lengths so close together that the search finds the right pose with one of them; as it is where one is
-    stated."""
+    stated; a strip of a panorama also with its horizon elsewhere."""
     prior = focal_prior(rig, config)
     if prior is None or prior.is_stated:
-        return [rig]
+        return [rig, *rig.cut_on_one_side()]
     count = max(1, math.ceil((prior.most - prior.least) / config.step))
     logs = [prior.least + (prior.most - prior.least) * (k + 0.5) / count for k in range(count)]
     return [rig.with_focal_factor(math.exp(log)) for log in logs]
@@ -99,6 +99,19 @@ def with_other_focal_lengths(
         for log in prior.tried(config.step)
         if best.log_focal is None or abs(log - own) > config.step / 4
     ]
+
+
+def contradicts(other: Hypothesis, best: Hypothesis, config: FocalConfig) -> bool:
+    """Return whether images say that a stated focal length is another. other: the best pose, refined with its focal length unknown.
+
+    It has to be another by more than chance, and to fit hardly worse: where next to nothing tells the focal length, scores fall.
+    """
+    return leaves_stated(other, config, config.contradiction) and other.score >= config.stated**2 * best.score
+
+
+def leaves_stated(other: Hypothesis, config: FocalConfig, times: float) -> bool:
+    """Return whether a pose has another focal length than the stated one by more than so many times its uncertainty."""
+    return abs(other.log_focal or 0.0) > times * focal_uncertainty(other.information, config)
 
 
 def focal_uncertainty(information: float, config: FocalConfig) -> float:

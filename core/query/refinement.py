@@ -82,12 +82,20 @@ class Refinement:
         """Return a hypothesis that was refined fully, with how far apart the halves of the picture end from there among its measures."""
         sizes, described = self.config.refinement, self.config.descriptors
         level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.contrast / 2)
-        focals = query.rig.log_focals([hypothesis])
         some = points.thinned(sizes.halves_every)
+        focals = query.rig.log_focals([hypothesis])
         apart = halves_apart(level, some, hypothesis.rotation, hypothesis.position, focals, described.patch_deg, sizes)
         distance, angle = apart.tolist()
         measures = {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)}
         return replace(hypothesis, measures=hypothesis.measures | measures)
+
+    def with_free_focal_length(self, query: MapQuery, hypothesis: Hypothesis, points: PointPlanes) -> Hypothesis:
+        """Return where a hypothesis that was refined fully comes to if its focal length is not known: a first look."""
+        sizes, free = self.config.refinement, replace(hypothesis, log_focal=0.0)
+        level = query.rig.colors.level(query.rig.finer * sizes.fine_rows, sizes.contrast / 4)
+        some = points.thinned(sizes.halves_every)
+        (there,) = self._refine(level, some, [free], sizes.iterations, sizes.step, sizes.stop)
+        return there
 
     def _seen_from(self, query: MapQuery, hypothesis: Hypothesis) -> Comparison:
         """Return what is seen from a pose, as finely as the scan has points for: a pixel without one aligns nothing."""

@@ -28,7 +28,7 @@ _FEWEST_POINTS = 5.0  # of a patch that has a vote
 _MOST_CORRELATED = 0.999
 _LEAST_RATIO = 1e-4  # of a squared residual to the variance of a patch; smaller ones are noise
 _THREADS, _PLANES = 384, 25  # of the kernel for GPUs: threads of a block, numbers that a step keeps of each point
-_METRES_PER_RAD, _METRES_PER_LOG = 1.5, 2.0  # of turns and focal lengths that move what is seen as far as a move does
+_METRES = 1.5  # of a radian, or of the logarithm of a focal length, that move what is seen as far as a move does
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _solve(equations: "PatchEquations", config: StepConfig) -> Tensor:
     update = -config.lengthening * torch.linalg.solve_ex(damped, equations.gradient)[0]
     # As a whole: a part of it alone would leave the valley that pose and focal length share.
     turn, move, spread = update[:, :3].norm(dim=-1), update[:, 3:6].norm(dim=-1), update[:, 6:].abs().sum(-1)
-    longest = torch.stack((_METRES_PER_RAD * turn, move, _METRES_PER_LOG * spread)).amax(0) / config.max_step_m
+    longest = torch.stack((_METRES * turn, move, _METRES * spread)).amax(0) / config.max_step_m
     step: Tensor = update / longest.clamp_min(1.0)[:, None]
     return step
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.camera import Camera
-from panoloc.core.camera.rig import Panorama, Rig, RigImage
+from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.decide import pictures
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_builder import build_map_index
@@ -50,6 +50,17 @@ def test_a_room_as_scanned_is_found_from_any_place_in_any_rotation(seed: int) ->
     _, found = answer_from(seed)
     assert found.status == "localized"
     assert_found(found, pose_in(ROOM, seed))
+
+
+@pytest.mark.parametrize(("above", "below"), [(0, 36), (30, 0), (20, 20)])
+def test_a_panorama_is_found_whichever_side_was_cut_off_of_it(above: int, below: int) -> None:
+    pose = pose_in(ROOM, 5, "upright")
+    whole = rooms.take_panorama(ROOM, pose, WIDTH)
+    color, valid = (each[above : len(each) - below] for each in (whole.color, whole.valid))
+    camera = Camera.from_hfov("equirectangular", WIDTH, len(valid), 360.0)
+    found = localized(Photo(color, valid, camera, focal_uncertainty=0.006), room_index())
+    assert found.status == "localized"
+    assert_found(found, pose, 0.03)
 
 
 @pytest.mark.parametrize("seed", [5, 8])
@@ -126,9 +137,24 @@ def test_frames_of_a_phone_that_moves_are_found_within_two_centimetres() -> None
     assert all(image.agreement is not None and image.agreement > 0.5 for image in found.images)
 
 
-@pytest.mark.parametrize("seed", [5, 8, 17])
-def test_a_photo_that_shows_more_than_is_stated_is_not_surely_where_it_would_show_less(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "stated_deg", "uncertainty"), [(5, 50.0, 0.01), (8, 50.0, 0.01), (5, 58.0, 0.0), (8, 80.0, 0.0)]
+)
+def test_a_photo_contradicts_its_stated_focal_length_also_a_measured_one(
+    seed: int, stated_deg: float, uncertainty: float
+) -> None:
     pose = pose_in(ROOM, seed, "upright")
+    taken, stated = (Camera.from_hfov("pinhole", 640, 480, hfov_deg) for hfov_deg in (66.0, stated_deg))
+    photo = rooms.take_photo(ROOM, taken, pose).photo
+    found = localized(replace(photo, camera=stated, focal_uncertainty=uncertainty), room_index())
+    assert found.status == "localized"
+    assert_found(found, pose, 0.1)
+    assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([66.0], abs=2.0)
+    assert [warning.reason for warning in found.warnings] == ["hfov_contradicted"]
+
+
+def test_a_photo_that_shows_more_than_is_stated_is_not_surely_where_it_would_show_less() -> None:
+    pose = pose_in(ROOM, 17, "upright")
     taken, stated = (Camera.from_hfov("pinhole", 640, 480, hfov_deg) for hfov_deg in (66.0, 50.0))
     photo = rooms.take_photo(ROOM, taken, pose).photo
     assert localized(replace(photo, camera=stated, focal_uncertainty=0.01), room_index()).status == "not_localized"

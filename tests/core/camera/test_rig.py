@@ -1,5 +1,7 @@
 """Rigs: images and what is known of their cameras."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,15 @@ def test_a_panorama_is_an_image_of_a_camera_that_sees_the_whole_sphere(rows: int
     assert rig.left_out == ("words",)
     np.testing.assert_array_equal(photo.color, panorama.color)
     np.testing.assert_array_equal(photo.valid, panorama.valid)
+
+
+def test_a_strip_of_a_panorama_may_be_cut_on_either_side_unless_its_horizon_is_known() -> None:
+    strip = Camera.from_hfov("equirectangular", 64, 24, 360.0)
+    for rig, row in zip(rig_of(strip).cut_on_one_side(), (0, 24), strict=True):
+        (camera,) = (photo.camera for photo in rig.photos)
+        assert abs(row - camera.cy_px) == pytest.approx(16)  # of 32 rows, a quarter turn from the pole to the horizon
+        assert replace(camera, cy_px=strip.cy_px) == strip
+    whole, part = Camera.from_hfov("equirectangular", 64, 32, 360.0), Camera.from_hfov("equirectangular", 64, 24, 270.0)
+    measured = Rig.of_photo(replace(photo_of(strip), focal_uncertainty=0.0))
+    for other in (rig_of(whole), rig_of(part), rig_of(PINHOLE), rig_of(strip, strip), measured):
+        assert other.cut_on_one_side() == []

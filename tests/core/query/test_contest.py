@@ -30,10 +30,11 @@ def placed(x: float, score: float, log_focal: float = 0.0) -> Hypothesis:
 
 
 class Refinement:
-    """Stands for the steps of refinement: leaves poses as they are, but for what the medium stage `moves`, and counts them."""
+    """Stands for the steps of refinement: leaves poses as they are, but for what the medium stage `moves`, and counts them; `freed` is what
+    the best comes to if its focal length is not known."""
 
-    def __init__(self, moves: dict[float, float]) -> None:
-        self.moves = moves
+    def __init__(self, moves: dict[float, float], freed: Hypothesis | None) -> None:
+        self.moves, self.freed = moves, freed
         self.seen: dict[str, list[Hypothesis]] = {name: [] for name in ("coarse", "medium", "fine", "halves")}
 
     def coarse(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -46,7 +47,13 @@ class Refinement:
 
     def fine(self, query: Any, hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
         self.seen["fine"].append(hypothesis)
+        if self.freed is not None and "halves_apart_m" in hypothesis.measures:
+            hypothesis = self.freed
         return hypothesis, SimpleNamespace(of_score=hypothesis.score)
+
+    def with_free_focal_length(self, query: Any, hypothesis: Hypothesis, points: Any) -> Hypothesis:
+        assert points.of_score == hypothesis.score / SMALLER
+        return self.freed or hypothesis
 
     def with_halves(self, query: Any, hypothesis: Hypothesis, points: Any) -> Hypothesis:
         self.seen["halves"].append(hypothesis)
@@ -70,6 +77,8 @@ def contest_of(
     moves: dict[float, float] | None = None,
     rig: Rig = PHOTO,
     others: Callable[[float], list[Hypothesis]] = lambda log_focal: [],
+    freed: Hypothesis | None = None,
+    is_measured: bool = False,
 ) -> tuple[Contest, dict[str, list[Hypothesis]]]:
     """Return a contest in one map, whose judge halves scores at the end; and what each stage of refinement has seen."""
 
@@ -86,13 +95,13 @@ def contest_of(
             rows=64,
             patch_deg=22.5,
             share=1.0,
-            prior=FocalPrior(-0.1, 0.8, is_stated=True),
+            prior=FocalPrior(-0.1, 0.8, True, is_measured),
             pyramid=SimpleNamespace(rotations=torch.eye(3)[None]),
         ),
     )
     config = LocalizerConfig()
     contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
-    refinement = Refinement(moves or {})
+    refinement = Refinement(moves or {}, freed)
     contest.refinement = cast(Any, refinement)
     return contest, refinement.seen
 
@@ -170,6 +179,33 @@ def test_a_pose_with_another_focal_length_that_fits_less_well_is_a_rival_as_prob
     assert found_by(contest) == [(0.0, 0.5), (3.0, 0.45)]
     assert contest.hypotheses[0].measures["focal_odds"] == pytest.approx(0.96**POWER)
     assert [h.log_focal for h in seen["fine"]] == [0.0, 0.0, 0.3]  # of the others the best alone
+
+
+@pytest.mark.parametrize(("is_measured", "count"), [(True, 0), (False, 1)])
+def test_a_focal_length_that_the_images_contradict_is_no_rival_and_a_measured_one_is_sought_no_further(
+    is_measured: bool, count: int
+) -> None:
+    asked: list[float] = []
+
+    def others(log_focal: float) -> list[Hypothesis]:
+        asked.append(log_focal)
+        return []
+
+    freed = replace(placed(1.0, 0.97, 0.3), information=2.0)
+    contest, _ = contest_of(others=others, freed=freed, is_measured=is_measured)
+    contest.add([placed(0.0, 1.0), placed(0.3, 0.9), placed(3.0, 0.9)])
+    contest.add_focal_lengths()
+    assert found_by(contest) == [(1.0, 0.485), (3.0, 0.45)]
+    assert contest.hypotheses[0].measures["focal_odds"] == 0.0
+    assert "halves_apart_m" in contest.hypotheses[0].measures
+    assert asked == [0.3] * count
+
+
+def test_the_best_is_refined_no_further_where_a_first_look_leaves_its_focal_length_as_it_is() -> None:
+    contest, seen = contest_of(freed=replace(placed(1.0, 0.97, 0.04), information=2.0), is_measured=True)
+    contest.add([placed(0.0, 1.0)])
+    contest.add_focal_lengths()
+    assert (found_by(contest), len(seen["fine"])) == ([(0.0, 0.5)], 1)
 
 
 def test_at_the_same_place_another_focal_length_is_no_rival() -> None:

@@ -18,6 +18,7 @@ from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.query.focal_lengths import (
     FocalPrior,
+    contradicts,
     focal_prior,
     found_cameras,
     guesses,
@@ -67,7 +68,7 @@ def test_what_is_known_are_bounds_or_a_statement_or_all_of_it() -> None:
     def prior_of(photo: Photo) -> FocalPrior | None:
         return focal_prior(Rig.of_photo(photo), FOCAL)
 
-    assert prior_of(zoomed(0.0)) is None
+    assert prior_of(zoomed(0.0)) == FocalPrior(*FOCAL.bounds, is_stated=True, is_measured=True)
     assert focal_prior(rig_of(panorama()), FOCAL) is None
     assert prior_of(zoomed()) == FocalPrior(*FOCAL.bounds, is_stated=True)
     bounds = known(prior_of(of_unknown_field_of_view((60.0, 90.0))))
@@ -211,6 +212,18 @@ def test_a_field_of_view_at_a_bound_is_told_and_one_between_needs_no_warning(
     assert (found.are_others, found.warnings, found.bound_deg) == (True, (), bound_deg)
 
 
+@pytest.mark.parametrize(
+    ("log_focal", "score", "is_other"),
+    [(0.25, 1.0, True), (-0.25, 0.91, True), (-0.25, 0.89, False), (0.15, 1.0, False), (0.45, 1.0, True)],
+)
+def test_what_is_stated_is_contradicted_beyond_chance_by_what_fits_hardly_worse(
+    log_focal: float, score: float, is_other: bool
+) -> None:
+    other = replace(hypothesis(log_focal), score=score, information=2.0)  # certain to 5 %
+    assert contradicts(other, replace(hypothesis(None), score=1.0), FOCAL) == is_other
+    assert not contradicts(replace(other, information=0.1), replace(hypothesis(None), score=1.0), FOCAL)
+
+
 # Photos in a box.
 
 
@@ -235,16 +248,17 @@ def test_one_that_is_said_to_be_far_too_narrow_fits_best_where_it_was_taken() ->
 
 
 @pytest.mark.slow
-def test_nothing_but_intrinsics_that_were_given_is_tried() -> None:
+def test_measured_intrinsics_that_are_wrong_are_contradicted() -> None:
     found = localized(zoomed(0.0))
-    assert (found.found_cameras, found.warnings) == ((), ())
-    assert pose_error(best_of(found).pose, POSE).position_m > 0.2
+    assert_found(found, POSE, 0.1)
+    assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([WIDTH_DEG], abs=2.5)
+    assert [warning.reason for warning in found.warnings] == ["hfov_contradicted"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hfov_deg", [70.0, 84.0, 100.0])
-def test_one_that_is_as_wide_as_it_is_said_to_be_is_left_alone(hfov_deg: float) -> None:
-    found = localized(said_to_be(photo_of(Camera.from_hfov("pinhole", 640, 480, hfov_deg)), hfov_deg))
+@pytest.mark.parametrize(("hfov_deg", "uncertainty"), [(70.0, ROUNDED), (84.0, ROUNDED), (100.0, ROUNDED), (84.0, 0.0)])
+def test_one_that_is_as_wide_as_it_is_said_to_be_is_left_alone(hfov_deg: float, uncertainty: float) -> None:
+    found = localized(said_to_be(photo_of(Camera.from_hfov("pinhole", 640, 480, hfov_deg)), hfov_deg, uncertainty))
     assert (found.found_cameras, found.warnings) == ((), ())
     assert_found(found, POSE)
 

@@ -96,7 +96,7 @@ def test_what_is_given_wins_and_a_contradiction_is_asked_about(options: dict[str
     for field, value in options.items():
         assert getattr(found.read_as, field) == value
         # To confirm it is a choice as well.
-        assert any(choice["patch"].get(field) == value for choice in asked[code])
+        assert any(choice["patch"].get(field) == value for choice in asked[code or ""])
 
 
 def test_a_given_unit_that_makes_a_toy_of_a_room_is_asked_about() -> None:
