@@ -56,9 +56,9 @@ def test_a_room_as_scanned_is_found_from_any_place_in_any_rotation(seed: int) ->
 def test_a_panorama_is_found_whichever_side_was_cut_off_of_it(above: int, below: int) -> None:
     pose = pose_in(ROOM, 5, "upright")
     whole = rooms.take_panorama(ROOM, pose, WIDTH)
-    color, valid = (each[above : len(each) - below] for each in (whole.color, whole.valid))
-    camera = Camera.from_hfov("equirectangular", WIDTH, len(valid), 360.0)
-    found = localized(Photo(color, valid, camera, focal_uncertainty=0.006), room_index())
+    rows = slice(above, len(whole.valid) - below)
+    camera = Camera.from_hfov("equirectangular", WIDTH, rows.stop - rows.start, 360.0)
+    found = localized(Photo(whole.color[rows], whole.valid[rows], camera, focal_uncertainty=0.006), room_index())
     assert found.status == "localized"
     assert_found(found, pose, 0.03)
 
