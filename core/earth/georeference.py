@@ -114,6 +114,25 @@ class CoordinateSystem:
             height, reference = height + geoid_undulation_m, "ellipsoid"
         return EarthPlace(latitude, longitude, height, reference, azimuth)
 
+    def why_outside(self, position_m: Position) -> str:
+        """Say of a scan at a position, metres, that it is outside of the system."""
+        east, north, _ = position_m
+        return (
+            f"the scan, at {east:,.0f} m east and {north:,.0f} m north, lies outside its area{self.how_inside(position_m)}; name the "
+            "system of its coordinates, or leave it out and give the map a georeference"
+        )
+
+    def how_inside(self, position_m: Position) -> str:
+        """Say what is usually wrong with a position, metres, that is outside of the system, if that brings it inside."""
+        (east, north, height), zone = position_m, 1_000_000 * self.metres_per_unit
+        likely = {
+            "with x and y exchanged": (north, east, height),
+            "without the zone before x": (east % zone, north, height),
+        }
+        return "".join(
+            f"; {words} it would be inside" for words, place in likely.items() if self.place(place) is not None
+        )
+
     def _is_used_at(self, longitude: float, latitude: float, may_be_local: bool) -> bool:
         """Return whether a place is in the area of the system, or not far outside; of some systems nothing is known."""
         if self._area is None:
@@ -128,15 +147,6 @@ class CoordinateSystem:
         """Return east and north of a place on WGS 84, in the unit of the grid; None outside of where the system is defined."""
         east, north = self._to_earth.transform(longitude_deg, latitude_deg, direction="INVERSE")
         return (east, north) if math.isfinite(east) and math.isfinite(north) else None
-
-
-def outside_of(position_m: Position) -> str:
-    """Say of a scan at a position, metres, that it is outside of a system."""
-    east, north, _ = position_m
-    return (
-        f"the scan, at {east:,.0f} m east and {north:,.0f} m north, lies outside its area; name the system of its coordinates, or "
-        "leave it out and give the map a georeference"
-    )
 
 
 @lru_cache(maxsize=64)

@@ -124,7 +124,7 @@ class Contest:
         own = max(best.score, 1e-6) * weight(best.log_focal)
         others = [loser for loser in losers if not loser.is_near(best, DISTANCES.right)]
         odds = sum((loser.score * weight(loser.log_focal) / own) ** focal.power for loser in others)
-        best = replace(best, measures=best.measures | {"focal_odds": odds})
+        best = self._limited(replace(best, measures=best.measures | {"focal_odds": odds}))
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
         self.hypotheses, self.comparison = [best, *rest], comparison
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.earth.georeference import CoordinateSystem, coordinate_system, outside_of
+from panoloc.core.earth.georeference import CoordinateSystem, coordinate_system
 from panoloc.core.errors import OptionsError, ScanContentError
 from panoloc.core.options import FARTHEST_M, METRES_PER_UNIT
 from panoloc.core.scan.frame import UNIT_TOLERANCE, ReadAs, ScanFrame
@@ -79,7 +79,7 @@ class ScanCollector:
         offset = self._origin_offset()
         definition = self._coordinate_system(system, frame, read_as) if is_files else None
         if system is not None and not is_files and system.place(self._middle) is None:
-            self._note_unused(OptionsError(outside_of(self._middle)), "that was given")
+            self._note_unused(OptionsError(system.why_outside(self._middle)), "that was given")
         return PointCloud(
             positions=(positions - offset).astype(np.float32),
             colors=self._colors.to_bytes(thinned.colors),
@@ -153,7 +153,7 @@ class ScanCollector:
                 )
             place = system.place(self._middle)
             if place is None:
-                raise OptionsError(outside_of(self._middle))
+                raise OptionsError(system.why_outside(self._middle))
         except OptionsError as error:
             self._note_unused(error)
             return None

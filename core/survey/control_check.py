@@ -165,8 +165,8 @@ def _on_earth(
     found = grid.place(point.known, undulation_m)
     if found is None:
         raise OptionsError(
-            f"points: expected coordinates within {grid.name}, got {point.known[0]:.1f}, {point.known[1]:.1f} for {point.name}; check the "
-            "system, the unit, and whether x is east"
+            f"points: expected coordinates within {grid.name}, got {point.known[0]:.1f}, {point.known[1]:.1f} for {point.name}"
+            f"{grid.how_inside(point.known)}; check the system, the unit, and whether x is east"
         )
     return ecef_of(found.latitude_deg, found.longitude_deg, found.height_m), found.height_reference
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from panoloc.core.earth.georeference import coordinate_system, ecef_of, outside_of
+from panoloc.core.earth.georeference import coordinate_system, ecef_of
 from panoloc.core.remarks import Remark
 from panoloc.service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from panoloc.service.jobs import MapRef
@@ -137,7 +137,7 @@ def check_in_its_system(record: MapRecord) -> None:
     system = coordinate_system(text)
     if system.place(middle) is None:
         raise InvalidOptionsError.of(
-            "coordinate_system", f"expected that of the scan, got {system.name}: {outside_of(middle)}"
+            "coordinate_system", f"expected that of the scan, got {system.name}: {system.why_outside(middle)}"
         )
 
 

@@ -81,6 +81,22 @@ def test_a_system_is_used_in_its_area_and_a_little_beyond(code: str, east: float
     assert (coordinate_system(code).place((east, north, 0.0)) is not None) == is_used
 
 
+@pytest.mark.parametrize(
+    ("position_m", "said"),
+    [
+        ((5_333_000.0, 691_000.0, 500.0), "with x and y exchanged it would be inside; name"),
+        ((32_691_000.0, 5_333_000.0, 500.0), "without the zone before x it would be inside; name"),
+        ((691_000.0, 500.0, 5_333_000.0), "lies outside its area; name"),
+    ],
+)
+def test_what_is_usually_wrong_with_a_position_outside_of_a_system_is_said(
+    position_m: tuple[float, float, float], said: str
+) -> None:
+    system = coordinate_system("EPSG:25832")
+    assert system.place(position_m) is None
+    assert said in system.why_outside(position_m)
+
+
 def test_positions_outside_of_a_system_have_no_place() -> None:
     assert coordinate_system(UTM_32).place((1e12, 1e12, 0.0)) is None
 

@@ -193,9 +193,11 @@ def test_a_focal_length_that_the_images_contradict_is_no_rival_and_a_measured_on
 
     freed = replace(placed(1.0, 0.97, 0.3), information=2.0)
     contest, _ = contest_of(others=others, freed=freed, is_measured=is_measured)
+    contest.most_margin = 0.35
     contest.add([placed(0.0, 1.0), placed(0.3, 0.9), placed(3.0, 0.9)])
     contest.add_focal_lengths()
     assert found_by(contest) == [(1.0, 0.485), (3.0, 0.45)]
+    assert contest.hypotheses[0].measures["most_margin"] == 0.35
     assert contest.hypotheses[0].measures["focal_odds"] == 0.0
     assert "halves_apart_m" in contest.hypotheses[0].measures
     assert asked == [0.3] * count
