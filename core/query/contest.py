@@ -21,6 +21,7 @@ from panoloc.core.decide.hypotheses import (
     within_margin,
 )
 from panoloc.core.query.focal_lengths import (
+    FocalPrior,
     contradicts,
     focal_uncertainty,
     leaves_stated,
@@ -100,7 +101,7 @@ class Contest:
         best, comparison, losers = self.hypotheses[0], self.comparison, []
         query = self.queries[best.map_number]
         axis = query.rig.pyramid.rotations[0][:, 0]
-        free = self._contradicting(query, best) if prior.is_stated else None
+        free = self._contradicting(query, best, prior) if prior.is_stated else None
         if free is not None:  # what it was is no rival
             others = [h for h in self.hypotheses if not h.is_near(best, DISTANCES.place)]
             best, comparison = self._with_signs(free), free.comparison
@@ -128,7 +129,7 @@ class Contest:
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
         self.hypotheses, self.comparison = [best, *rest], comparison
 
-    def _contradicting(self, query: MapQuery, best: Hypothesis) -> _Full | None:
+    def _contradicting(self, query: MapQuery, best: Hypothesis, prior: FocalPrior) -> _Full | None:
         """Return the best pose with the focal length that the images say it has, None where that may be the stated one."""
         assert self._points is not None
         with self.clock.stage("refine"):
@@ -136,7 +137,7 @@ class Contest:
         if not leaves_stated(looked, self.config.focal, self.config.focal.contradiction / 2):
             return None
         fulls = self._refined_fully([replace(best, log_focal=0.0)])
-        return fulls[0] if fulls and contradicts(fulls[0].final, best, self.config.focal) else None
+        return fulls[0] if fulls and contradicts(fulls[0].final, best, prior, self.config.focal) else None
 
     @property
     def is_guess(self) -> bool:

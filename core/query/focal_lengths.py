@@ -101,11 +101,14 @@ def with_other_focal_lengths(
     ]
 
 
-def contradicts(other: Hypothesis, best: Hypothesis, config: FocalConfig) -> bool:
+def contradicts(other: Hypothesis, best: Hypothesis, prior: FocalPrior, config: FocalConfig) -> bool:
     """Return whether images say that a stated focal length is another. other: the best pose, refined with its focal length unknown.
 
-    It has to be another by more than chance, and to fit hardly worse: where next to nothing tells the focal length, scores fall.
+    It has to be another by more than chance, and to fit hardly worse: where next to nothing tells the focal length, scores fall. One that
+    was measured is not wrong by a few percent.
     """
+    if prior.is_measured and prior.is_as_stated(other.log_focal, config.step):
+        return False
     return leaves_stated(other, config, config.contradiction) and other.score >= config.stated**2 * best.score
 
 

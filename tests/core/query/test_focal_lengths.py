@@ -220,8 +220,17 @@ def test_what_is_stated_is_contradicted_beyond_chance_by_what_fits_hardly_worse(
     log_focal: float, score: float, is_other: bool
 ) -> None:
     other = replace(hypothesis(log_focal), score=score, information=2.0)  # certain to 5 %
-    assert contradicts(other, replace(hypothesis(None), score=1.0), FOCAL) == is_other
-    assert not contradicts(replace(other, information=0.1), replace(hypothesis(None), score=1.0), FOCAL)
+    best, stated = replace(hypothesis(None), score=1.0), FocalPrior(*FOCAL.bounds, is_stated=True)
+    assert contradicts(other, best, stated, FOCAL) == is_other
+    assert not contradicts(replace(other, information=0.1), best, stated, FOCAL)
+
+
+@pytest.mark.parametrize(("log_focal", "is_other"), [(0.07, False), (-0.07, False), (0.08, True), (-0.08, True)])
+def test_a_measured_focal_length_is_not_wrong_by_a_few_percent(log_focal: float, is_other: bool) -> None:
+    sharp, best = replace(hypothesis(log_focal), score=1.0, information=100.0), replace(hypothesis(None), score=1.0)
+    for is_measured in (True, False):
+        prior = FocalPrior(*FOCAL.bounds, True, is_measured)
+        assert contradicts(sharp, best, prior, FOCAL) == (is_other or not is_measured)
 
 
 # Photos in a box.
