@@ -12,11 +12,14 @@ from pyproj import CRS
 
 from panoloc.core.exports.floor_plan import points_of
 from panoloc.core.exports.tour import Tour
-from panoloc.core.options import METRES_PER_UNIT, Unit, UpAxis
-from panoloc.core.scan.frame import ScanFrame
+from panoloc.core.options import METRES_PER_UNIT, ScanOptions, Unit, UpAxis
+from panoloc.core.scan.doubts import Seen, ask_up_axis
+from panoloc.core.scan.frame import ReadAs, ScanFrame
+from panoloc.core.scan.gravity import AxisLook
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import Diagnostic, PointCloud
 from panoloc.core.scan.reading import read_points_of_map, read_scan
+from panoloc.core.scan.reading_context import ReadingContext
 from panoloc.lab.rooms import SceneSpec, build_scene, scan_scene
 from tests.core.scan.scan_files import las_of, read
 
@@ -97,6 +100,16 @@ def test_what_is_given_wins_and_a_contradiction_is_asked_about(options: dict[str
         assert getattr(found.read_as, field) == value
         # To confirm it is a choice as well.
         assert any(choice["patch"].get(field) == value for choice in asked[code or ""])
+
+
+def test_a_given_axis_is_a_choice_also_where_no_storey_is_seen_along_it() -> None:
+    context = ReadingContext(Path("scan.ply"), ScanOptions(up_axis="x"), 0)
+    seen = Seen(room().positions.astype(np.float64), [AxisLook(0.0, 0.0, None)] * 3, 2)
+    ask_up_axis(context, ReadAs("m", "m", "x", "file", "file", "given"), seen, "-y", True, 1.0)
+    (asked,) = context.diagnostics
+    assert asked.question is not None
+    assert "-y points up; x was given" in asked.message
+    assert {choice["patch"]["up_axis"] for choice in asked.question["choices"]} == {"z", "-y", "x"}
 
 
 def test_a_given_unit_that_makes_a_toy_of_a_room_is_asked_about() -> None:
