@@ -111,7 +111,13 @@ def _field(found: Mapping[str, Any], skip: int, where: str, model: type[BaseMode
     name = ".".join(str(part) for part in found["loc"][skip:]) or where or "body"
     message = _expected(found, model)
     value = found.get("input")
-    got = "none" if found["type"] == "missing" else "null" if value is None else repr(value)
+    got = (
+        "none"
+        if found["type"] == "missing"
+        else repr(value)
+        if isinstance(value, str)
+        else json.dumps(value, default=str)
+    )
     display = got if len(got) <= _LONGEST_VALUE else got[:_LONGEST_VALUE] + "…"
     return {"field": name, "message": message if ", got " in message else f"{message}, got {display}"}
 

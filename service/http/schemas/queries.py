@@ -33,9 +33,10 @@ Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, descripti
 
 
 class RequestModel(BaseModel):
-    """A model of a request. Unknown fields are errors, so that a misspelt one is not ignored."""
+    """A model of a request. Unknown fields are errors, so that a misspelt one is not ignored; so are values of other types, such as "no",
+    or `true` for a number, which would be one degree."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
 
 class Box(RequestModel):
@@ -56,7 +57,6 @@ class Box(RequestModel):
 
 
 _Pixels = Annotated[int, Field(ge=1, le=65_535)]
-_Number = Annotated[float, Field(strict=True)]  # neither text nor `true`, which would be one degree
 
 
 class SessionPosition(RequestModel):
@@ -117,19 +117,19 @@ class Camera(RequestModel):
     )
     width_px: _Pixels | None = Field(None, description="Width of the image to which the intrinsics belong.")
     height_px: _Pixels | None = None
-    fx_px: _Number | None = Field(
+    fx_px: float | None = Field(
         None, description="Focal length; for `cylindrical` and `equirectangular` horizontal pixels per radian."
     )
-    fy_px: _Number | None = Field(None, description="Default: `fx_px`.")
-    cx_px: _Number | None = Field(None, description="Default: the middle.")
-    cy_px: _Number | None = Field(None, description="Default: the middle.")
-    distortion: list[_Number] = Field(
+    fy_px: float | None = Field(None, description="Default: `fx_px`.")
+    cx_px: float | None = Field(None, description="Default: the middle.")
+    cy_px: float | None = Field(None, description="Default: the middle.")
+    distortion: list[float] = Field(
         default_factory=list,
         max_length=8,
         description="`k1 k2 p1 p2 [k3 [k4 k5 k6]]`, or `k1 k2 k3 k4` of the fisheye.",
     )
-    hfov_deg: _Number | None = Field(None, description="Horizontal field of view, instead of `fx_px` … `cy_px`.")
-    hfov_range_deg: Annotated[list[_Number], Field(min_length=2, max_length=2)] | None = Field(
+    hfov_deg: float | None = Field(None, description="Horizontal field of view, instead of `fx_px` … `cy_px`.")
+    hfov_range_deg: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
         None,
         description="Bounds of an unknown field of view of `pinhole` photos, such as `[45, 85]`, the same for all images. The search takes "
         "several times as long; `images[…].camera` in the answer has the result.",
@@ -190,7 +190,9 @@ class ExpectedMotion(BaseModel):
     """x_map = rotation · x_camera + position, in the axes of `frame`. Other fields of an answer are ignored."""
 
     # `{}` is open as `true` is, but stays in the document of the API.
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False, json_schema_extra={"additionalProperties": {}})
+    model_config = ConfigDict(
+        extra="ignore", allow_inf_nan=False, strict=True, json_schema_extra={"additionalProperties": {}}
+    )
 
     position_m: SessionPosition
     quaternion: SessionQuaternion
@@ -324,7 +326,6 @@ class LocalizeOptions(RequestModel):
     artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
     top_k: int = Field(
         QueryOptions.top_k,
-        strict=True,
         ge=1,
         le=MAX_TOP_K,
         description="Largest number of poses: the pose and up to `top_k` − 1 alternatives; `ambiguous` always lists "

@@ -143,6 +143,19 @@ def test_an_option_out_of_range_is_named(options: str, field: str) -> None:
     [
         (LocalizeOptions, '{"timeout_s": -3}', "timeout_s: expected more than 0.0, got -3. "),
         (LocalizeOptions, '{"top_k": "x"}', "top_k: expected a whole number, got 'x'. "),
+        (LocalizeOptions, '{"top_k": true}', "top_k: expected a whole number, got true. "),
+        (LocalizeOptions, '{"hints": {"upright": "no"}}', "hints.upright: expected true or false, got 'no'. "),
+        (LocalizeOptions, '{"hints": {"heading_deg": true}}', "hints.heading_deg: expected a number, got true. "),
+        (
+            LocalizeOptions,
+            '{"hints": {"position_m": ["1", 2, null]}}',
+            "hints.position_m.0: expected a number, got '1'; hints.position_m.2: expected a number, got null. ",
+        ),
+        (
+            LocalizeOptions,
+            '{"session": {"position_noise_m": {"x": true}}}',
+            'session.position_noise_m: expected a number, got {"x": true}. ',
+        ),
         (
             LocalizeOptions,
             '{"hints": {"position_m": [1, 2]}}',
