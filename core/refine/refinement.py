@@ -19,7 +19,7 @@ from panoloc.core.geometry.rotations import rotation_angle
 from panoloc.core.image.level import Level
 from panoloc.core.kernels.cuda import has_cuda_kernel
 from panoloc.core.refine.patches import on_black_squares
-from panoloc.core.refine.step import PointPlanes, pose_steps
+from panoloc.core.refine.step import PointPlanes, PoseStep, pose_steps
 
 NOWHERE = 10.0, math.pi  # metres and radians: how far off poses are of which nothing is known
 
@@ -136,9 +136,12 @@ def _stepped(
     for k in range(count // at_once):
         has_last = is_last and (k + 1) * at_once == count
         step = pose_steps(level, points, rotations, positions, log_focals, config, focal_bounds, at_once, has_last)
+        before = rotations, positions
         rotations, positions, log_focals = step.rotations, step.positions, step.log_focals
         if within is not None:
             rotations = within(rotations)
+            is_held = (rotations != step.rotations).flatten(1).any(1, keepdim=True)
+            positions = torch.where(is_held, _following(step, *before, rotations, config), positions)
     found, steps = step.equations, poses.steps + count
     focals, information, hessian = poses.log_focals, poses.information, found.hessian
     if log_focals is not None and focal_bounds is not None:
@@ -147,6 +150,22 @@ def _stepped(
         poses.numbers, rotations, positions, found.loss, hessian[:, :6, :6], found.scale, steps, focals, information
     )
     return reached, step.step
+
+
+def _following(step: PoseStep, before: Tensor, positions: Tensor, rotations: Tensor, config: StepConfig) -> Tensor:
+    """Return positions (K, 3) that follow rotations (K, 3, 3) which limits hold, from rotations before and positions (K, 3): where the
+    equations of the step are solved with that turn. Those of the free step make up for turns that were not taken."""
+    turned = before.transpose(1, 2) @ rotations
+    taken = step.step.clone()
+    taken[:, :3] = torch.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], 1) - turned[:, [1, 2, 0], [2, 0, 1]]
+    taken[:, :3] *= 0.5  # turns of a step are small
+    taken[:, 3:6] = 0.0
+    by_move = step.equations.hessian[:, 3:6]
+    right = step.equations.gradient[:, 3:6] + (by_move @ taken[..., None])[..., 0]
+    steadied = by_move[:, :, 3:6] + 1e-6 * torch.eye(3, device=right.device)
+    move: Tensor = -torch.linalg.solve_ex(steadied, right)[0]
+    move = move / (move.norm(dim=1, keepdim=True) / config.max_step_m).clamp_min(1.0)
+    return positions + (before @ move[..., None])[..., 0]
 
 
 def _information_of_focal(hessian: Tensor, mass: Tensor) -> Tensor:
