@@ -219,6 +219,13 @@ class WorkerPool(Protocol):
     async def start(self) -> None:
         """Begin to bring workers up and return at once; `state` tells when they are."""
 
+    @property
+    def num_under_way(self) -> int:
+        """Return how many queries wait or run."""
+
+    def begin_drain(self) -> None:
+        """Refuse new requests from now on; those under way go on."""
+
     async def stop(self, drain_s: float) -> None:
         """Take nothing more, wait up to `drain_s` for what is under way, then end the workers."""
 

@@ -132,7 +132,7 @@ def _serve(settings: Settings, storage: Storage, claim: BucketClaim | None) -> s
     app = create_app(settings, pool, storage)
     tls = {"ssl_certfile": settings.tls_cert, "ssl_keyfile": settings.tls_key}
     config = server_config(app, host=settings.host, port=settings.port, **tls)
-    server = DrainingServer(config, pool, settings.drain_s)
+    server = DrainingServer(config, app.state.services, settings.drain_s)
     if claim is not None:
         claim.when_lost = server.end
     server.run()

@@ -71,6 +71,17 @@ class Services:
                 storage, self.registry, self.registrations, self.batches, self.batch_runs, signal, look_s
             )
         self._tasks: list[asyncio.Task[None]] = []
+        self._drained_at: float | None = None
+
+    @property
+    def num_under_way(self) -> int:
+        """Return the number of queries that wait or run."""
+        return self.pool.num_under_way
+
+    def begin_drain(self) -> None:
+        """Refuse new queries from now on; those under way have the drain time from now on."""
+        self._drained_at = time.monotonic() + self.settings.drain_s
+        self.pool.begin_drain()
 
     async def is_there(self, path: str) -> bool:
         """Return whether a path in `Location` or `Content-Location` leads to a map, a batch, or a query that has not failed."""
@@ -99,15 +110,15 @@ class Services:
             self._tasks.append(asyncio.create_task(tokens.keys.follow()))
 
     async def stop(self) -> None:
-        """Let queries end within the drain time, then stop everything."""
-        deadline = time.monotonic() + self.settings.drain_s
+        """Let queries end within the drain time, which may have begun before, then stop everything."""
+        deadline = self._drained_at or time.monotonic() + self.settings.drain_s
         for task in self._tasks:
             task.cancel()
         if self.shared_folder is not None:
             await self.shared_folder.stop()
         await self.registrations.stop()
         await self.batch_runs.stop()
-        await self.localizations.stop(self.settings.drain_s)
+        await self.localizations.stop(max(0.0, deadline - time.monotonic()))
         await self.pool.stop(max(0.0, deadline - time.monotonic()))
         await self.cache.close()
         await self.rates.close()

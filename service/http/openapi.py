@@ -5,11 +5,12 @@ import json
 from functools import partial
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI, params
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from panoloc.service.answer import BY_STATUS, Localization
+from panoloc.service.http.validation import check_query_parameters
 from panoloc.service.problems import error_responses
 
 Responses = dict[int | str, dict[str, Any]]
@@ -20,6 +21,12 @@ _MODELS: dict[str, type[BaseModel]] = {}
 
 Router = partial(APIRouter, generate_unique_id_function=lambda route: route.name)
 """A router whose operations have the names of their functions as ids."""
+
+
+def api_router(tag: str, *dependencies: params.Depends) -> APIRouter:
+    """Return a router of a part of the API, which refuses query parameters that its operations do not know."""
+    return Router(tags=[tag], dependencies=[Depends(check_query_parameters), *dependencies])
+
 
 IDEMPOTENT_PATHS = frozenset(("/maps", "/localize", "/batches"))
 """Whose POST requests are done once for each `Idempotency-Key`."""

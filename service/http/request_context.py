@@ -1,6 +1,7 @@
 """Around every request: its id, a log line, metrics, HEAD where GET is meant, and a problem document for heads too large
 and for unexpected faults; and the last requests that ended in a problem, for operators."""
 
+import asyncio
 import json
 import re
 import time
@@ -13,6 +14,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from panoloc.service.errors import NoWorkerError
 from panoloc.service.http.error_handlers import plain_problem_response, problem_response
 from panoloc.service.jobs import new_id, now
 from panoloc.service.maps.record import MapRecord
@@ -100,6 +102,12 @@ class RequestContext:
             app = plain_problem_response(HTTP_PROBLEMS[431], detail, Request(scope))
         try:
             await app(inner, receive, send_with_id)
+        except asyncio.CancelledError:
+            # The time to drain is over.
+            if status:
+                raise
+            stopped = NoWorkerError("the service was stopped before the answer; send the request again")
+            await problem_response(stopped, request_id)(scope, receive, send_with_id)
         except Exception as error:
             _log.exception("a request failed unexpectedly")
             if status:

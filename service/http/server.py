@@ -65,10 +65,10 @@ class DrainingServer(uvicorn.Server):
     New connections get the certificate that is in the files of the configuration, which others renew every few weeks.
     """
 
-    def __init__(self, config: uvicorn.Config, pool: Drainable, drain_s: float) -> None:
+    def __init__(self, config: uvicorn.Config, work: Drainable, drain_s: float) -> None:
         super().__init__(config)
         self._certified_by = self._certificate_files()
-        self._pool = pool
+        self._work = work
         self._drain_s = drain_s
         self._deadline: float | None = None
         self._is_draining = False
@@ -108,9 +108,9 @@ class DrainingServer(uvicorn.Server):
         if self._deadline is not None and not self.should_exit:
             if not self._is_draining:
                 self._is_draining = True
-                _log.info("draining", extra={"under_way": self._pool.num_under_way})
-                self._pool.begin_drain()
-            self.should_exit = not self._pool.num_under_way or time.monotonic() >= self._deadline
+                _log.info("draining", extra={"under_way": self._work.num_under_way})
+                self._work.begin_drain()
+            self.should_exit = not self._work.num_under_way or time.monotonic() >= self._deadline
         return await super().on_tick(counter)
 
     def _renew_certificate(self) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar, get_args
 
+from fastapi import Request
+from fastapi.dependencies.models import Dependant
 from pydantic import BaseModel, ValidationError
 
 from panoloc.core.errors import OptionsError, PanoramaTooLargeError, ScanTooLargeError
@@ -27,6 +29,7 @@ _EXPECTED = {
     "less_than": "expected less than {lt}",
     "less_than_equal": "expected at most {le}",
     "finite_number": "expected a finite number",
+    "none_required": "expected null, for this request does not take it",
     "too_short": "expected {min_length} or more items",
     "too_long": "expected {max_length} items or fewer",
     "string_too_short": "expected text of at least {min_length} characters",
@@ -94,6 +97,25 @@ def named_field() -> Iterator[None]:
         raise InvalidOptionsError.of(field, words) from error
 
 
+def check_query_parameters(request: Request) -> None:
+    """Refuse query parameters that the route of a request does not know, so that a misspelt one is not ignored.
+
+    Raises InvalidOptionsError.
+    """
+    known = list(_query_parameters(request.scope["route"].dependant))
+    for name in request.query_params:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            advice = f"perhaps you mean {near[0]}" if near else f"the path takes {', '.join(known) or 'none'}"
+            raise InvalidOptionsError.of(name[:_LONGEST_VALUE], f"expected no query parameter of this name, {advice}")
+
+
+def _query_parameters(dependant: Dependant) -> Iterator[str]:
+    yield from (str(each.alias) for each in dependant.query_params)
+    for each in dependant.dependencies:
+        yield from _query_parameters(each)
+
+
 def _refuse_doubles(data: bytes) -> None:
     """Refuse a name that is twice in one object: some readers take the first value, others, like this one, the last."""
 
@@ -111,13 +133,9 @@ def _field(found: Mapping[str, Any], skip: int, where: str, model: type[BaseMode
     name = ".".join(str(part) for part in found["loc"][skip:]) or where or "body"
     message = _expected(found, model)
     value = found.get("input")
-    got = (
-        "none"
-        if found["type"] == "missing"
-        else repr(value)
-        if isinstance(value, str)
-        else json.dumps(value, default=str)
-    )
+    got = repr(value) if isinstance(value, str) else json.dumps(value, default=str)
+    if found["type"] == "missing":
+        got = "none"
     display = got if len(got) <= _LONGEST_VALUE else got[:_LONGEST_VALUE] + "…"
     return {"field": name, "message": message if ", got " in message else f"{message}, got {display}"}
 

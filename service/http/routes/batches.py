@@ -16,7 +16,7 @@ from panoloc.service.batches.export import PlacedBatch, draw_plan, map_of, open_
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import maps_seen, note_change, own_batch, require, while_there
-from panoloc.service.http.openapi import Router, file_response, json_response, nothing_left
+from panoloc.service.http.openapi import api_router, file_response, json_response, nothing_left
 from panoloc.service.http.routes.localize import while_connected
 from panoloc.service.http.schemas.batches import Batch
 from panoloc.service.http.schemas.examples import BATCH_EXAMPLE
@@ -24,7 +24,7 @@ from panoloc.service.jobs import Result
 from panoloc.service.services import Services, services_of
 
 Made = TypeVar("Made")
-router = Router(tags=["batches"], dependencies=[Depends(require("localize"))])
+router = api_router("batches", Depends(require("localize")))
 
 _MapId = Annotated[str | None, Query(description="Only photos placed in this map.", max_length=80)]
 _MAX_IGNORED = 100

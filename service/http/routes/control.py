@@ -6,7 +6,7 @@ from fastapi import Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.http.access import maps_seen, note_change, own_map, require
-from panoloc.service.http.openapi import Router, json_body, json_response
+from panoloc.service.http.openapi import api_router, json_body, json_response
 from panoloc.service.http.schemas.control import CONTROL_BODY_EXAMPLE, CONTROL_EXAMPLE, ControlBody, ControlReport
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import named_field, parse_json
@@ -15,7 +15,7 @@ from panoloc.service.maps.record import MapRecord
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.services import services_of
 
-router = Router(tags=["maps"])
+router = api_router("maps")
 
 
 @router.get(

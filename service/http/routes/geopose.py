@@ -14,7 +14,7 @@ from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS
 from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
 from panoloc.service.http.access import caller_of, maps_seen, require
-from panoloc.service.http.openapi import Router, files_part, json_body, json_part, multipart
+from panoloc.service.http.openapi import api_router, files_part, json_body, json_part, multipart
 from panoloc.service.http.routes.localize import QUERY_ERRORS, query_of, while_connected
 from panoloc.service.http.schemas.examples import GEOPOSE_REQUEST_EXAMPLE
 from panoloc.service.http.schemas.geopose import (
@@ -33,7 +33,7 @@ from panoloc.service.maps.selection import MapChoice, Place, maps_around
 from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
 
-router = Router(tags=["localization"])
+router = api_router("localization")
 
 _OSCP_TYPE = "application/vnd.oscp+json"
 _ENVELOPE_BYTES = 2**20

@@ -12,7 +12,7 @@ from panoloc.service.batches.by_hand import ByHand, HandPlacing, Pairs, Placed, 
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import note_change, own_batch, require
-from panoloc.service.http.openapi import Router, json_body, json_response
+from panoloc.service.http.openapi import api_router, json_body, json_response
 from panoloc.service.http.routes.batches import item_document
 from panoloc.service.http.routes.localize import QUERY_ERRORS, while_connected
 from panoloc.service.http.schemas.batches import BatchItem, HandPlacement, HandPose
@@ -21,7 +21,7 @@ from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import named_field, parse_json
 from panoloc.service.services import Services, services_of
 
-router = Router(tags=["batches"], dependencies=[Depends(require("localize"))])
+router = api_router("batches", Depends(require("localize")))
 _Number = Annotated[int, Path(ge=0, description="`number` of its item.")]
 _PATH = "/batches/{batch_id}/images/{number}/pose"
 

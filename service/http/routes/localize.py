@@ -16,8 +16,8 @@ from panoloc.service.answer import Localization, picture_path
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, maps_seen, require
 from panoloc.service.http.openapi import (
-    Router,
     accepted_response,
+    api_router,
     file_response,
     files_part,
     json_part,
@@ -43,7 +43,7 @@ from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
 from panoloc.service.settings import Settings
 
-router = Router(tags=["localization"])
+router = api_router("localization")
 Result = TypeVar("Result")
 QUERY_ERRORS = (400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)
 """Statuses of problems that a query may end in."""

@@ -13,7 +13,7 @@ from panoloc.core.options import ReportFormat
 from panoloc.service.answer import Document
 from panoloc.service.errors import ObjectNotFoundError
 from panoloc.service.http.access import caller_of, maps_seen, require, while_there
-from panoloc.service.http.openapi import Router, file_response, json_response
+from panoloc.service.http.openapi import api_router, file_response, json_response
 from panoloc.service.http.schemas.coordinates import coordinates_of
 from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
 from panoloc.service.http.schemas.known_map import MapChanges
@@ -25,7 +25,7 @@ from panoloc.service.maps.record import MapRecord, place_on_earth
 from panoloc.service.maps.selection import serving_ref
 from panoloc.service.services import Services, services_of
 
-router = Router(tags=["maps"], dependencies=[Depends(require("read"))])
+router = api_router("maps", Depends(require("read")))
 
 _ERRORS = (401, 403, 404, 409, 422)
 _MEDIA_TYPES: dict[ReportFormat, str] = {

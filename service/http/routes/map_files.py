@@ -11,7 +11,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.http.access import maps_seen, require
-from panoloc.service.http.openapi import Router, file_response, json_response
+from panoloc.service.http.openapi import api_router, file_response, json_response
 from panoloc.service.http.schemas.coordinates import Coordinates, coordinates_of
 from panoloc.service.http.schemas.examples import COORDINATES_EXAMPLE
 from panoloc.service.http.schemas.known_map import MapStarts
@@ -23,7 +23,7 @@ from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
 from panoloc.service.storage import Storage
 
-router = Router(tags=["maps"], dependencies=[Depends(require("read"))])
+router = api_router("maps", Depends(require("read")))
 
 Found = TypeVar("Found")
 _Metres = Annotated[float, Query(description="Metres in the map's own frame.", ge=-1e8, le=1e8, allow_inf_nan=False)]
@@ -62,7 +62,16 @@ _POINTS_RESPONSE: dict[str, Any] = {
     response_class=Response,
     responses=file_response("The picture.", ("image/png",), *_ERRORS),
 )
-async def get_preview(request: Request, map_id: str) -> Response:
+async def get_preview(
+    request: Request,
+    map_id: str,
+    revision: Annotated[
+        int | None,
+        Query(
+            description="Of the map, so that a browser loads the picture anew; always that of the serving one is sent."
+        ),
+    ] = None,
+) -> Response:
     """Return a picture of the serving revision."""
     data, ref = await _file(request, map_id, "preview.png")
     return Response(data, media_type="image/png", headers=_caching(ref))

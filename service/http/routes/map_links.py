@@ -8,7 +8,7 @@ from fastapi import Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.http.access import note_change, own_map, require
-from panoloc.service.http.openapi import Router, json_body, json_response
+from panoloc.service.http.openapi import api_router, json_body, json_response
 from panoloc.service.http.schemas.examples import LINK_EXAMPLE
 from panoloc.service.http.schemas.maps import LinkRequest, MapLink
 from panoloc.service.http.uploads import read_body
@@ -17,7 +17,7 @@ from panoloc.service.keys.caller import Scope
 from panoloc.service.maps.record import MapRecord
 from panoloc.service.services import services_of
 
-router = Router(tags=["maps"])
+router = api_router("maps")
 
 # Phones fetch the map, and localize in it.
 _SCOPES: tuple[Scope, ...] = ("read", "localize")

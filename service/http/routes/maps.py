@@ -11,7 +11,7 @@ from starlette.responses import JSONResponse, Response
 
 from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
 from panoloc.service.http.access import maps_seen, note_change, own_map, require
-from panoloc.service.http.openapi import Router, json_body, json_response, nothing_left
+from panoloc.service.http.openapi import api_router, json_body, json_response, nothing_left
 from panoloc.service.http.routes.map_links import end_links
 from panoloc.service.http.routes.new_scans import read_again
 from panoloc.service.http.schemas.examples import MAP_EXAMPLE
@@ -25,7 +25,7 @@ from panoloc.service.maps.record import MapRecord, map_document
 from panoloc.service.maps.selection import check_in_its_system
 from panoloc.service.services import Services, services_of
 
-router = Router(tags=["maps"])
+router = api_router("maps")
 _log = structlog.get_logger(__name__)
 _LAST_PROGRESS = 0.99
 

@@ -14,8 +14,8 @@ from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import ArchiveError, InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_batch, require
 from panoloc.service.http.openapi import (
-    Router,
     accepted_response,
+    api_router,
     binary_part,
     files_part,
     json_body,
@@ -36,7 +36,7 @@ from panoloc.service.services import Services, services_of
 from panoloc.service.settings import Settings
 from panoloc.service.storage.disk import disk_errors
 
-router = Router(tags=["batches"])
+router = api_router("batches")
 
 _RETRY_AFTER_S = 1
 # So many images of a batch may be as large as one may be; photos are mostly a tenth of that.

@@ -16,7 +16,7 @@ from panoloc.core.scan.ply.header import check_ply_file
 from panoloc.core.scan.zip_opening import unpacked_bytes
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_map, require
-from panoloc.service.http.openapi import Router, accepted_response, binary_part, json_part, multipart
+from panoloc.service.http.openapi import accepted_response, api_router, binary_part, json_part, multipart
 from panoloc.service.http.schemas.examples import MAP_OPTIONS_EXAMPLE, QUEUED_MAP_EXAMPLE
 from panoloc.service.http.schemas.known_map import Map
 from panoloc.service.http.schemas.maps import MapOptions, ScanOptions, name_of_file
@@ -30,7 +30,7 @@ from panoloc.service.services import Services, services_of
 from panoloc.service.storage import Storage
 from panoloc.service.storage.disk import disk_errors
 
-router = Router(tags=["maps"])
+router = api_router("maps")
 
 _RETRY_AFTER_S = 1
 _SCAN_PART = binary_part(f"The scan: {KNOWN_FORMATS}, with colours.")

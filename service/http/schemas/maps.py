@@ -19,7 +19,7 @@ from panoloc.core.options import (
     UpAxisChoice,
 )
 from panoloc.service.answer import ResponseModel
-from panoloc.service.http.schemas.queries import Box, RequestModel
+from panoloc.service.http.schemas.queries import Region, RequestModel
 from panoloc.service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 
 # No control characters: names and tags end up in logs, terminals and URLs. Those of Latin-1 also begin escape
@@ -46,7 +46,7 @@ class StartsOptions(RequestModel):
     spacing_m: float | None = Field(
         None, ge=MIN_SPACING_M, le=MAX_SPACING_M, description="Distance between starts; null: the service chooses."
     )
-    region: Box | None = Field(None, description="Possible camera positions; null: the whole scanned space.")
+    region: Region | None = Field(None, description="Possible camera positions; null: the whole scanned space.")
 
 
 class ReadingOptions(RequestModel):

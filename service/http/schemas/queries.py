@@ -4,7 +4,7 @@ import math
 from datetime import datetime
 from typing import Annotated, Literal, Self, cast
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from panoloc.core import options
 from panoloc.core.camera.camera import CAMERA_MODELS, CameraDescription, CameraModel
@@ -45,15 +45,18 @@ class Box(RequestModel):
     min: Vector
     max: Vector
 
-    @model_validator(mode="after")
-    def _has_volume(self) -> Self:
-        if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
-            raise ValueError(f"expected min below max on every axis, got min {self.min} and max {self.max}")
-        return self
-
     def to_options(self) -> options.Box:
         """Return the box for the worker."""
         return cast(options.Box, (tuple(self.min), tuple(self.max)))
+
+
+def _has_volume(box: Box) -> Box:
+    if not all(low < high for low, high in zip(box.min, box.max, strict=True)):
+        raise ValueError(f"expected min below max on every axis, got min {box.min} and max {box.max}")
+    return box
+
+
+Region = Annotated[Box, AfterValidator(_has_volume)]
 
 
 _Pixels = Annotated[int, Field(ge=1, le=65_535)]
@@ -270,7 +273,7 @@ class Hints(RequestModel):
     radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
         None, description=f"Largest distance from `position_m`; {DEFAULT_RADIUS_M:g} by default."
     )
-    region: Box | None = Field(None, description="Box around the camera in the map's own frame.")
+    region: Region | None = Field(None, description="Box around the camera in the map's own frame.")
     upright: bool | None = Field(None, description="The camera is level within `max_tilt_deg`.")
     max_tilt_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(
         None, description=f"{DEFAULT_TOLERANCE_DEG:g} when only `upright` is given."

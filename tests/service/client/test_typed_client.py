@@ -1,5 +1,6 @@
 """`PanolocClient`: what the service sends, as models whose type depends on the status; and the page that shows it, by mypy."""
 
+import copy
 import re
 import subprocess
 import sys
@@ -54,6 +55,12 @@ def test_maps_are_models_too_and_keep_fields_of_newer_services() -> None:
     assert (place.status, place.model_dump()["floor"]) == ("ready", 3)
     with client_of({"items": [MAP_EXAMPLE], "next_cursor": None}) as client:
         assert [each.id for each in client.list_maps()] == [MAP_EXAMPLE["id"]]
+    flat: dict[str, Any] = copy.deepcopy(MAP_EXAMPLE)
+    flat["stats"]["bounds"] = {"min": [0, 0, 1], "max": [4, 3, 1]}
+    with client_of(flat) as client:
+        stats = client.get_map("map_1").stats
+    assert stats is not None
+    assert stats.bounds.max == [4, 3, 1]
     failed = {**MAP_EXAMPLE, "status": "failed", "error": {"detail": "too few points"}}
     with client_of(failed) as client, pytest.raises(MapFailedError, match="too few points"):
         client.wait_for_map("map_1")

@@ -94,6 +94,7 @@ class FakePool:
     outcome_of: Callable[[LocalizeJob], LocalizeOutcome] = outcome_of
     started: bool = False
     stopped: bool = False
+    num_under_way: int = 0
 
     def __post_init__(self) -> None:
         self.register_gate.set()
@@ -102,6 +103,9 @@ class FakePool:
 
     async def start(self) -> None:
         self.started = True
+
+    def begin_drain(self) -> None:
+        self.num_under_way = 0
 
     async def stop(self, drain_s: float) -> None:
         self.stopped = True

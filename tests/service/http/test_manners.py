@@ -29,6 +29,26 @@ async def test_what_the_caller_has_is_not_sent_again(running: RunningService, pa
     assert (other.status_code, other.content) == (200, first.content)
 
 
+@pytest.mark.parametrize(
+    ("path", "field", "said"),
+    [
+        ("/maps?tagg=office", "tagg", "perhaps you mean tag"),
+        ("/maps/{}/points?maxpoints=10", "maxpoints", "perhaps you mean max_points"),
+        ("/maps/{}?frame=webxr", "frame", "the path takes none"),
+        ("/batches?a=1&limit=5", "a", "the path takes limit, cursor"),
+    ],
+)
+async def test_a_query_parameter_that_nothing_reads_is_refused(
+    running: RunningService, path: str, field: str, said: str
+) -> None:
+    map_id = await running.ready_map()
+    refused = await running.client.get(path.format(map_id))
+    assert refused.status_code == 422
+    assert refused.json()["fields"][0]["field"] == field
+    assert said in refused.json()["detail"]
+    assert (await running.client.get("/health/live?probe=1")).status_code == 200
+
+
 async def test_a_changed_map_is_sent_again(running: RunningService) -> None:
     map_id = await running.ready_map()
     tag = (await running.client.get(f"/maps/{map_id}")).headers["ETag"]

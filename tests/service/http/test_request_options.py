@@ -12,7 +12,7 @@ from panoloc.core.options import Hints, IndexOptions, ScanOptions
 from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
 from panoloc.service.http.schemas import examples
-from panoloc.service.http.schemas.batches import Batch, BatchPage
+from panoloc.service.http.schemas.batches import Batch, BatchOptions, BatchPage
 from panoloc.service.http.schemas.geopose import GeoPoseRequest
 from panoloc.service.http.schemas.known_map import Map, MapChanges
 from panoloc.service.http.schemas.maps import MapOptions, MapPatch, name_of_file
@@ -143,6 +143,7 @@ def test_an_option_out_of_range_is_named(options: str, field: str) -> None:
     [
         (LocalizeOptions, '{"timeout_s": -3}', "timeout_s: expected more than 0.0, got -3. "),
         (LocalizeOptions, '{"top_k": "x"}', "top_k: expected a whole number, got 'x'. "),
+        (BatchOptions, '{"session": {}}', "session: expected null, for this request does not take it, got {}. "),
         (LocalizeOptions, '{"top_k": true}', "top_k: expected a whole number, got true. "),
         (LocalizeOptions, '{"hints": {"upright": "no"}}', "hints.upright: expected true or false, got 'no'. "),
         (LocalizeOptions, '{"hints": {"heading_deg": true}}', "hints.heading_deg: expected a number, got true. "),

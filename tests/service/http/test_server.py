@@ -10,12 +10,16 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import httpx
 import pytest
 
 from panoloc.service.host.certificates import make_certificate
+from panoloc.service.http.request_context import RecentErrors, RequestContext
 from panoloc.service.http.server import DrainingServer, server_config
+from panoloc.service.jobs import PoolState
+from panoloc.service.metrics import Metrics
 from tests.integration.running_service import eventually
 
 
@@ -77,6 +81,32 @@ def test_what_is_under_way_is_finished_first() -> None:
 
 def test_what_takes_too_long_is_left() -> None:
     assert 0.3 <= asyncio.run(run_until_stopped(CountingPool(1), 0.3, send(signal.SIGTERM))) < 5
+
+
+def test_who_waits_longer_than_the_drain_is_told_to_try_again() -> None:
+    async def never_answers(scope: dict[str, Any], receive: Any, send: Any) -> None:
+        await (application(scope, receive, send) if scope["type"] == "lifespan" else asyncio.sleep(60))
+
+    async def answered() -> httpx.Response:
+        metrics = Metrics(lambda: PoolState(True, None, 1, 0, 0, {}, 0), dict)
+        app = RequestContext(cast(Any, never_answers), metrics, RecentErrors())
+        server = DrainingServer(server_config(app, port=0, timeout_graceful_shutdown=1), CountingPool(1), drain_s=0.2)
+        serving = asyncio.create_task(server.serve())
+        while not server.started:
+            await asyncio.sleep(0.01)
+        port = server.servers[0].sockets[0].getsockname()[1]
+        async with httpx.AsyncClient(timeout=10) as client:
+            waiting = asyncio.create_task(client.get(f"http://127.0.0.1:{port}/"))
+            await asyncio.sleep(0.3)
+            server.handle_exit(signal.SIGTERM, None)
+            reply = await waiting
+        await serving
+        return reply
+
+    reply = asyncio.run(answered())
+    assert (reply.status_code, reply.headers["content-type"]) == (503, "application/problem+json")
+    assert int(reply.headers["Retry-After"]) > 0
+    assert "send the request again" in reply.json()["detail"]
 
 
 def test_one_request_to_end_that_comes_as_two_signals_is_one() -> None:
