@@ -21,7 +21,7 @@ from panoloc.service.http.schemas.queries import LocalizeOptions, PendingLocaliz
 from panoloc.service.jobs import ARTIFACTS, QueryImage
 from panoloc.service.settings import Settings
 from tests.service.http.fake_pool import PNG, POSE, no_worker
-from tests.service.http.running_service import RunningService, png_of
+from tests.service.http.running_service import RunningService, Serve, png_of
 
 pytestmark = pytest.mark.anyio
 
@@ -294,3 +294,13 @@ async def test_a_prior_needs_one_map_and_a_pose(running: RunningService) -> None
         assert said in reply.json()["detail"]
     slow = json.dumps({"hints": {"prior": {"pose": pose}}, "method": "paper"})
     assert "expected the method fast" in (await running.localize(maps[0], options=slow)).json()["detail"]
+
+
+async def test_the_time_of_a_drain_is_waited_for_once(serve: Serve) -> None:
+    async with serve(drain_s=1.0, is_held=True) as running:
+        map_id = await running.ready_map()
+        await running.localize(map_id, headers={"Prefer": "respond-async"})
+        running.app.state.services.begin_drain()
+        await asyncio.sleep(0.9)
+        began = time.monotonic()
+    assert time.monotonic() - began < 0.7
