@@ -71,7 +71,7 @@ class Services:
                 storage, self.registry, self.registrations, self.batches, self.batch_runs, signal, look_s
             )
         self._tasks: list[asyncio.Task[None]] = []
-        self._drained_at: float | None = None
+        self._drain_ends_at: float | None = None
 
     @property
     def num_under_way(self) -> int:
@@ -80,7 +80,7 @@ class Services:
 
     def begin_drain(self) -> None:
         """Refuse new queries from now on; those under way have the drain time from now on."""
-        self._drained_at = time.monotonic() + self.settings.drain_s
+        self._drain_ends_at = time.monotonic() + self.settings.drain_s
         self.pool.begin_drain()
 
     async def is_there(self, path: str) -> bool:
@@ -111,7 +111,7 @@ class Services:
 
     async def stop(self) -> None:
         """Let queries end within the drain time, which may have begun before, then stop everything."""
-        deadline = self._drained_at or time.monotonic() + self.settings.drain_s
+        deadline = self._drain_ends_at or time.monotonic() + self.settings.drain_s
         for task in self._tasks:
             task.cancel()
         if self.shared_folder is not None:

@@ -153,8 +153,11 @@ def _stepped(
 
 
 def _following(step: PoseStep, before: Tensor, positions: Tensor, rotations: Tensor, config: StepConfig) -> Tensor:
-    """Return positions (K, 3) that follow rotations (K, 3, 3) which limits hold, from rotations before and positions (K, 3): where the
-    equations of the step are solved with that turn. Those of the free step make up for turns that were not taken."""
+    """Return positions (K, 3), metres, for rotations (K, 3, 3) that limits hold: they solve the equations of the step with the turn that is
+    left, where those of the free step make up for a turn that is undone.
+
+    before and positions: the rotations (K, 3, 3) and positions (K, 3) that the step began from.
+    """
     turned = before.transpose(1, 2) @ rotations
     taken = step.step.clone()
     taken[:, :3] = torch.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], 1) - turned[:, [1, 2, 0], [2, 0, 1]]

@@ -25,7 +25,8 @@ Router = partial(APIRouter, generate_unique_id_function=lambda route: route.name
 
 def api_router(tag: str, *dependencies: params.Depends) -> APIRouter:
     """Return a router of a part of the API, which refuses query parameters that its operations do not know."""
-    return Router(tags=[tag], dependencies=[Depends(check_query_parameters), *dependencies])
+    known = [Depends(check_query_parameters), *dependencies]
+    return Router(tags=[tag], dependencies=known, responses=error_responses(422))
 
 
 IDEMPOTENT_PATHS = frozenset(("/maps", "/localize", "/batches"))

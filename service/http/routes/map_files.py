@@ -67,9 +67,7 @@ async def get_preview(
     map_id: str,
     revision: Annotated[
         int | None,
-        Query(
-            description="Of the map, so that a browser loads the picture anew; always that of the serving one is sent."
-        ),
+        Query(description="Not read: another number lets a browser load the picture anew."),
     ] = None,
 ) -> Response:
     """Return a picture of the serving revision."""

@@ -117,6 +117,17 @@ def test_a_limit_that_is_not_reached_changes_nothing() -> None:
     assert float((held.positions - TRUE[1]).norm(dim=-1).max()) < 0.01
 
 
+def test_a_position_solves_the_equations_of_a_step_with_the_turn_that_is_left() -> None:
+    turn = torch.tensor([[0.03, -0.02, 0.01]])
+    left, first = TRUE[0] @ rotation_from_vector(turn), TRUE[1][None] + torch.tensor([[0.03, 0.02, -0.02]])
+    held = refine(LEVEL, SEEN, TRUE[0], first, 1, STEP, within=lambda _: left)
+    seen = patch_equations(LEVEL, SEEN, TRUE[0], first, STEP)
+    right = seen.gradient[0, 3:] + seen.hessian[0, 3:6, :3] @ turn[0]
+    move = -torch.linalg.solve(seen.hessian[0, 3:6, 3:6], right)
+    assert float(move.norm()) < STEP.max_step_m
+    torch.testing.assert_close(held.positions[0], first[0] + TRUE[0][0] @ move, atol=1e-4, rtol=0)
+
+
 def test_the_rest_of_the_pose_follows_a_tilt_that_is_held() -> None:
     def loss(rotation: torch.Tensor, position: torch.Tensor) -> float:
         return float(patch_equations(LEVEL, SEEN, rotation[None], position[None], STEP).loss[0])

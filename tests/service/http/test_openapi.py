@@ -154,3 +154,9 @@ def statuses_of(operation: Any, map_id: str | None) -> set[int]:
 
     answers_as_documented()
     return seen
+
+
+def test_every_operation_of_the_api_says_how_it_refuses_unknown_query_parameters(document: dict[str, Any]) -> None:
+    of_api = [operation for *_, operation in operations_of(document) if operation["tags"] != ["operations"]]
+    assert len(of_api) > 30
+    assert [each["operationId"] for each in of_api if "422" not in each["responses"]] == []
