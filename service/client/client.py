@@ -91,7 +91,7 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         self, scan: Path | str, options: Mapping[str, Any] | None = None, progress: UploadProgress | None = None
     ) -> MapT:
         """Upload a scan and return the new map, which answers queries once its status is `ready`."""
-        fields = {"options": json.dumps(options)} if options else {}
+        fields = {"options": _json(options)} if options else {}
         return self._map(self._upload("/maps", [("file", Path(scan), progress)], fields, UPLOAD_READ_TIMEOUT_S))
 
     def get_map(self, map_id: str) -> MapT:
@@ -201,8 +201,11 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         """Return the document at a path of the service."""
         return json_object(self._checked("GET", path, timeout=wait_s))
 
-    def download(self, path: str, query: Mapping[str, str], file: BinaryIO) -> None:
-        """Write the body at a path into an open file, block by block."""
+    def download(self, path: str, query: Mapping[str, str], file: BinaryIO | Path | str) -> None:
+        """Write the body at a path into an open file, or into a new one, block by block."""
+        if isinstance(file, Path | str):
+            with open(file, "wb") as opened:
+                return self.download(path, query, opened)
         try:
             with self._http.stream("GET", self.link(path), params=query, timeout=UPLOAD_READ_TIMEOUT_S) as reply:
                 if not reply.is_success:
@@ -278,7 +281,18 @@ class JsonClient(BaseClient[JsonObject, JsonObject]):
 def _fields(map_ids: Sequence[str], tag: str | None, options: Mapping[str, Any] | None) -> JsonObject:
     fields: JsonObject = {"map_id": [map_ids] if isinstance(map_ids, str) else list(map_ids)} if map_ids else {}
     fields |= {"tag": tag} if tag else {}
-    return fields | ({"options": json.dumps(options)} if options else {})
+    return fields | ({"options": _json(options)} if options else {})
+
+
+def _json(options: Mapping[str, Any]) -> str:
+    """Return options as JSON. Parts of an answer, such as its pose as a prior, may be models of the typed client."""
+
+    def of_model(value: Any) -> Any:
+        if hasattr(value, "model_dump"):
+            return value.model_dump(mode="json")
+        raise TypeError(f"options: expected JSON and parts of answers, got a {type(value).__name__}")
+
+    return json.dumps(options, default=of_model)
 
 
 def _paths_of(given: Path | str | Sequence[Path | str] | None) -> list[Path]:

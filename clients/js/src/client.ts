@@ -61,7 +61,7 @@ class Maps {
   async register(scan: Blob, name: string, options?: MapOptions, sending?: Sending): Promise<ScanMap> {
     const form = new FormData();
     form.append("file", scan, name);
-    if (options) form.append("options", JSON.stringify(options));
+    if (options) form.append("options", jsonOf(options));
     return (await request(this.#access, "POST", "/maps", form, sending)).json() as Promise<ScanMap>;
   }
 
@@ -147,8 +147,16 @@ function formOf(images: Blob | readonly Blob[], { maps = [], tag }: Place, optio
   }
   for (const id of typeof maps === "string" ? [maps] : maps) form.append("map_id", id);
   if (tag) form.append("tag", tag);
-  if (options) form.append("options", JSON.stringify(options));
+  if (options) form.append("options", jsonOf(options));
   return form;
+}
+
+/** JSON has no word for NaN and infinity, for which `JSON.stringify` writes null: a hint that is broken would be none. */
+function jsonOf(options: object): string {
+  return JSON.stringify(options, (name, value: unknown) => {
+    if (typeof value !== "number" || Number.isFinite(value)) return value;
+    throw new TypeError(`expected finite numbers in options, got ${value} as ${name}`);
+  });
 }
 
 async function poll<T>(get: () => Promise<T>, isOver: (found: T) => boolean, onUpdate?: (found: T) => void, signal?: AbortSignal): Promise<T> {

@@ -138,4 +138,6 @@ test("what cannot be meant is refused at once, without a request", async () => {
   await assert.rejects(service.maps.get(""), /expected an id/);
   await assert.rejects(service.maps.wait(""), /expected an id/);
   await assert.rejects(service.localize("photo.jpg" as never, { maps: "map_1" }), /expected images as Blobs/);
+  const hints = { heading_deg: 0 / 0 };
+  await assert.rejects(service.localize(new Blob(), { maps: "map_1", options: { hints } }), /finite numbers in options, got NaN as heading_deg/);
 });

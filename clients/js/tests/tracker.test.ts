@@ -200,6 +200,14 @@ test("the map is lost while there is no tracking, and not only when there is aga
   assert.deepEqual(walk.events, ["located", "lost"]);
 });
 
+test("a pose that is none is refused, and does no harm", async () => {
+  const walk = new Walk();
+  await walk.answer(localized(TRUTH));
+  for (const broken of [motion(NaN, 0), motion(0, 0, NaN)]) assert.throws(() => walk.tracker.update(broken), /finite numbers/);
+  await walk.go(1);
+  assert.ok(walk.error_m < 0.01);
+});
+
 test("a camera that fails is told as an error, and the tracker goes on", async () => {
   const errors: unknown[] = [];
   const tracker = new Tracker({ service: { localize: () => Promise.reject(new Error("never")) }, mapId: "map_1", now: () => 1, capture: () => { throw new Error("no picture"); } });

@@ -13,6 +13,7 @@ import pytest
 from panoloc import Ambiguous, Localized, Map, NotLocalized, PanolocClient
 from panoloc.service.client import ClientError, MapFailedError, UnexpectedReplyError, UnreachableError
 from panoloc.service.http.schemas.examples import LOCALIZATION_EXAMPLE, MAP_EXAMPLE
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from tests.service.light_modules import core_modules
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -72,6 +73,35 @@ def test_a_reply_of_another_version_says_where_it_differs(photo: Path) -> None:
         client.localize(photo, ["map_1"])
     with client_of({"status": "lost"}) as client, pytest.raises(UnexpectedReplyError, match="localized"):
         client.localize(photo, ["map_1"])
+
+
+def test_the_pose_of_an_answer_is_a_prior_as_it_is(photo: Path) -> None:
+    sent = list[bytes]()
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        sent.append(request.read())
+        return httpx.Response(200, json=LOCALIZATION_EXAMPLE)
+
+    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(answer)) as client:
+        last = client.localize(photo, ["map_1"])
+        assert last.status == "localized"
+        prior = {"pose": last.pose, "position_std_m": 0.5}
+        client.localize(photo, ["map_1"], options={"hints": {"prior": prior}})
+        with pytest.raises(TypeError, match=r"options: expected JSON .* got a set"):
+            client.localize(photo, ["map_1"], options={"hints": {1, 2}})
+    (text,) = re.findall(rb'name="options"\r\n\r\n(.*)\r\n', sent[1])
+    hinted = LocalizeOptions.model_validate_json(text).hints
+    assert hinted is not None
+    assert hinted.prior is not None
+    assert hinted.prior.pose is not None
+    position = hinted.prior.pose.map_from_camera.position_m
+    assert position.model_dump() == LOCALIZATION_EXAMPLE["pose"]["map_from_camera"]["position_m"]
+
+
+def test_what_an_answer_links_to_is_written_into_a_new_file(tmp_path: Path) -> None:
+    with client_of({"a": 1}) as client:
+        client.download("/artifacts/1", {}, tmp_path / "new.json")
+    assert (tmp_path / "new.json").read_text() == '{"a":1}'
 
 
 def test_a_text_is_a_path_and_one_id_is_a_list_of_it(photo: Path) -> None:
