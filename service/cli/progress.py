@@ -37,10 +37,14 @@ def show_registration(console: Console) -> Iterator[Callable[[JsonObject], None]
     """Show status, stage and progress of a registration; yields the function to report the map to."""
     text = TextColumn("[bold]{task.fields[status]}[/] {task.fields[stage]}")
     with _progress(console, SpinnerColumn(), text, BarColumn(), TimeElapsedColumn()) as bar:
-        task = bar.add_task("registration", total=1.0, status="queued", stage="")
-        yield lambda place: bar.update(
-            task, completed=place.get("progress") or 0.0, status=place["status"], stage=place.get("stage") or ""
-        )
+        task, log = bar.add_task("registration", total=1.0, status="queued", stage=""), _lines(console)
+
+        def update(place: JsonObject) -> None:
+            status, stage = place["status"], place.get("stage") or ""
+            bar.update(task, completed=place.get("progress") or 0.0, status=status, stage=stage)
+            log(f"{place['id']}: {status} {stage}")
+
+        yield update
 
 
 @contextmanager
@@ -50,18 +54,13 @@ def show_counts(console: Console, text: str, total: int) -> Iterator[Callable[[M
         *(TextColumn("[bold]{task.description}[/]"), BarColumn(), MofNCompleteColumn()),
         *(TextColumn("{task.fields[counts]}"), TimeElapsedColumn(), TimeRemainingColumn()),
     )
-    last_line_s = time.monotonic()
     with _progress(console, *columns) as bar:
-        task = bar.add_task(text, total=total, counts="")
+        task, log = bar.add_task(text, total=total, counts=""), _lines(console)
 
         def update(counts: Mapping[str, int]) -> None:
-            nonlocal last_line_s
             done, by_status = sum(counts.values()), counts_text(counts)
             bar.update(task, completed=done, counts=by_status)
-            # In a log, hours without a line look like a hang.
-            if not console.is_terminal and time.monotonic() - last_line_s >= LINE_S:
-                last_line_s = time.monotonic()
-                console.print(f"{text}: {done} of {total}: {by_status}", markup=False, highlight=False)
+            log(f"{text}: {done} of {total}: {by_status}")
 
         yield update
 
@@ -72,6 +71,19 @@ def show_waiting(console: Console, text: str) -> Iterator[Callable[[str], None]]
     with _progress(console, SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()) as bar:
         task = bar.add_task(text, total=None)
         yield lambda changed: bar.update(task, description=changed)
+
+
+def _lines(console: Console) -> Callable[[str], None]:
+    """Return what prints a line where no bar is seen, once in `LINE_S`: in a log, hours without one look like a hang."""
+    last_s = time.monotonic()
+
+    def log(line: str) -> None:
+        nonlocal last_s
+        if not console.is_terminal and time.monotonic() - last_s >= LINE_S:
+            last_s = time.monotonic()
+            console.print(line.rstrip(), markup=False, highlight=False)
+
+    return log
 
 
 def counts_text(counts: Mapping[str, int]) -> str:

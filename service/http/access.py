@@ -142,10 +142,10 @@ async def _refuse_unknown(request: Request, key: str) -> None:
 
 
 def _scope_missing(request: Request, scope: Scope) -> str:
-    tokens = services_of(request).settings.keys.tokens
+    tokens, asked = services_of(request).settings.keys.tokens, f"{request.method} {request.url.path}"
     if tokens is not None and caller_of(request).id.startswith("token "):
-        return f"expected a token with 'panoloc:{scope}' in its claim {tokens.scopes_claim!r}, got one without it"
-    return f"expected a key with the scope {scope!r}, got one without it; use another key"
+        return f"expected a token with 'panoloc:{scope}' in its claim {tokens.scopes_claim!r}, got one without it for {asked}"
+    return f"expected a key with the scope {scope!r}, got one without it for {asked}; use another key"
 
 
 def _presented(request: Request) -> str | None:

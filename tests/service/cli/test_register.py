@@ -6,6 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from panoloc.service.cli import progress
 from panoloc.service.client import JsonClient, MapFailedError
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
@@ -113,6 +114,14 @@ def test_whatever_ends_the_waiting_says_what_becomes_of_the_map(
 def test_whoever_gives_up_waiting_knows_the_id_of_what_goes_on(panoloc: Panoloc, scan: Path) -> None:
     done = panoloc("register", scan)
     assert f"Map {READY_MAP['id']}: the scan is stored" in done.err
+
+
+def test_a_log_is_told_now_and_then_what_a_registration_waits_for(
+    panoloc: Panoloc, fake: FakeService, scan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake.polls = [{**READY_MAP, "status": "indexing", "stage": "waiting for room on the disk"}, READY_MAP]
+    monkeypatch.setattr(progress, "LINE_S", 0.0)
+    assert "map_1: indexing waiting for room on the disk" in panoloc("register", scan).err.splitlines()
 
 
 def test_progress_rises_to_the_size_of_the_file(fake: FakeService, scan: Path) -> None:

@@ -116,6 +116,10 @@ async def test_a_key_that_may_localize_alone_reads_no_scan(callers: Callers) -> 
     assert (await visitors.localize(map_id)).status_code == 200
     for path in ("/maps", f"/maps/{map_id}", f"/maps/{map_id}/points", "/metrics"):
         assert await visitors.status("GET", path) == 403
+    refused = (await visitors.client.get(f"/maps/{map_id}")).json()["detail"]
+    assert (
+        refused == f"expected a key with the scope 'read', got one without it for GET /maps/{map_id}; use another key"
+    )
     assert await visitors.status("DELETE", f"/maps/{map_id}") == 403
 
 
