@@ -36,13 +36,14 @@ from panoloc.core.stage_clock import StageClock
 
 @dataclass
 class _Full:
-    """A hypothesis of the medium stage; itself refined fully and judged, and how the scan compares there; and the points that it was
-    refined on."""
+    """A hypothesis of the medium stage; itself refined fully and judged, and how the scan compares there; the points that it was refined
+    on; and whether it was refined from beside it."""
 
     medium: Hypothesis
     final: Hypothesis
     comparison: Comparison
     points: PointPlanes
+    is_followed: bool = False
 
 
 class Contest:
@@ -109,17 +110,16 @@ class Contest:
         while not prior.is_measured:  # each time the best fits better than before
             with self.clock.stage("refine"):
                 tried = self.refinement.medium(with_other_focal_lengths(best, comparison, prior, axis, focal))
-            with self.clock.stage("judge"):
-                tried = [h for h in self._judged(tried) if query.allows(h)]
-            fulls = self._refined_fully(tried[:1])
-            if not fulls:
+            full = self._best_of(query, tried)
+            if full is None:
                 break
-            is_guess, other = prior.is_guess(best.log_focal), fulls[0].final
-            if other.score <= best.score and not is_guess:
+            is_guess, other = prior.is_guess(best.log_focal), full.final
+            is_told = not prior.is_stated or leaves_stated(other, focal, focal.contradiction / 2)
+            if not is_guess and not (is_told and other.score > best.score):
                 losers += [] if prior.is_as_stated(other.log_focal, focal.step) else [other]
                 break
             losers += [] if is_guess else [best]
-            best, comparison = self._with_signs(fulls[0]), fulls[0].comparison
+            best, comparison = self._with_signs(full), full.comparison
         # A stated focal length that is too long fits wrong places by chance more easily than the right one fits its own.
         weight = query.rig.chance_weight if prior.is_stated and best.log_focal is None else lambda _: 1.0
         own = max(best.score, 1e-6) * weight(best.log_focal)
@@ -158,8 +158,7 @@ class Contest:
             share = self.config.focal.step
         position_m = orientation_deg = 0.0
         if share and self.comparison is not None:
-            seen = self.comparison.views.depth.flatten(1)[0][self.comparison.weights[0] > 0]
-            position_m = share * float(seen.median()) if len(seen) else 0.0
+            position_m = share * (self.comparison.depth_m or 0.0)
         if len(self.rig.images) > 1:
             by_position, by_orientation = self.config.judge.tracking_radii
             position_m = math.hypot(position_m, by_position * self.rig.options.position_noise_m)
@@ -213,9 +212,12 @@ class Contest:
         if not finals:
             self.hypotheses, self.comparison, self._points = [], None, None
             return
+        first, place = finals[0].final, DISTANCES.place
+        self._follow_valleys(finals[0])
         best, self.comparison, self._points = self._with_signs(finals[0]), finals[0].comparison, finals[0].points
-        place = DISTANCES.place
         ranked = [full.final for full in finals[1:]]
+        if not first.is_near(best, DISTANCES.same):  # what stayed behind is no rival
+            ranked, others = ([h for h in some if not h.is_near(first, place)] for some in (ranked, others))
         if all(h.is_near(best, place) for h in ranked):
             # Margins compare like with like: the best place elsewhere is judged as the best was. Where all others are at the best place,
             # the best of the coarse poses elsewhere is that rival.
@@ -229,6 +231,25 @@ class Contest:
         least = min((h.score for h in ranked if not h.is_near(best, place)), default=math.inf)
         others = [replace(h, score=min(h.score, least)) for h in others]
         self.hypotheses = [best, *ranked, *others]
+
+    def _follow_valleys(self, full: _Full) -> None:
+        """Refine the pose of a rig that shows a part of the sphere anew from beside it, and again from what fits better, which takes its
+        place."""
+        query = self.queries[full.final.map_number]
+        while not (full.is_followed or query.rig.is_wide or full.comparison.depth_m is None):
+            full.is_followed = True
+            with self.clock.stage("refine"):
+                beside = self.refinement.from_beside(query, full.final, full.comparison.depth_m)
+            other = self._best_of(query, beside)
+            if other is not None and other.final.score > full.final.score:
+                full.final, full.comparison, full.points = other.final, other.comparison, other.points
+                full.is_followed = False
+
+    def _best_of(self, query: MapQuery, refined: Sequence[Hypothesis]) -> _Full | None:
+        """Judge poses of the medium stage; return the best that limits allow, refined fully; None where they allow none."""
+        with self.clock.stage("judge"):
+            allowed = [h for h in self._judged(refined) if query.allows(h)]
+        return next(iter(self._refined_fully(allowed[:1])), None)
 
     def _with_signs(self, full: _Full) -> Hypothesis:
         """Return a hypothesis with what is measured of the best one alone, and only once: how far apart the halves of the images end from

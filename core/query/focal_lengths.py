@@ -90,10 +90,9 @@ def with_other_focal_lengths(
 
     comparison: of that pose alone. axis: (3,), the middle of the first image in the axes of the rig.
     """
-    seen = comparison.views.depth.flatten(1)[0][comparison.weights[0] > 0]
-    if not len(seen):
+    if comparison.depth_m is None:
         return []
-    ahead, own = best.rotation @ axis * seen.median(), best.log_focal or 0.0
+    ahead, own = best.rotation @ axis * comparison.depth_m, best.log_focal or 0.0
     return [
         replace(best, position=best.position - ahead * (math.exp(log - own) - 1), log_focal=log)
         for log in prior.tried(config.step)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from panoloc.core.config import LocalizerConfig, StepConfig, StoppingRule
 from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
+from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.image.level import Level
 from panoloc.core.query.map_query import MapQuery, by_colors
 from panoloc.core.refine.refinement import halves_apart, joined, refine
@@ -55,6 +56,23 @@ class Refinement:
                 group = self._refine(level, joined(parts), group, sizes.iterations, step, sizes.stop)
             refined += group
         return refined
+
+    def from_beside(self, query: MapQuery, hypothesis: Hypothesis, depth_m: float) -> list[Hypothesis]:
+        """Refine anew from beside a pose: nearer and farther, left and right, what is so far ahead staying in the middle.
+
+        Where a photo shows little but a wall, the loss hardly rises along these ways, and steps may end far from where it is least.
+        """
+        forward, left, up = (hypothesis.rotation @ query.rig.pyramid.rotations[0]).unbind(1)
+        beside = []
+        for share in (self.config.focal.step, -self.config.focal.step):
+            ahead = hypothesis.position + share * depth_m * forward
+            aside = hypothesis.position + share * depth_m * left
+            turn = rotation_from_vector(-math.atan(share) * up)
+            beside += [
+                replace(hypothesis, position=ahead),
+                replace(hypothesis, position=aside, rotation=turn @ hypothesis.rotation),
+            ]
+        return self.medium(beside)
 
     def fine(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, PointPlanes]:
         """Refine at full resolution, with all points and the colours of this pose alone; return these points as well."""

@@ -39,6 +39,12 @@ class Comparison:
     views: SyntheticViews
     image: Tensor
 
+    @property
+    def depth_m(self) -> float | None:
+        """Return the median distance to what is compared at the first pose, metres; None where nothing is."""
+        seen = self.views.depth.flatten(1)[0][self.weights[0] > 0]
+        return float(seen.median()) if len(seen) else None
+
 
 class RigView:
     """The part of the sphere around a rig that its images show, or almost: within `margin_deg`.

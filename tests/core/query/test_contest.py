@@ -19,23 +19,25 @@ from tests.core.image.painted_photos import UPRIGHT, photo_of, session_of
 
 PHOTO = Rig.of_photo(photo_of(UPRIGHT))
 UNSURE = Rig.of_photo(replace(PHOTO.photos[0], focal_uncertainty=0.02))
-# Of what a pose shows: two metres away, half of it.
-DEPTH, WEIGHTS = torch.tensor([[[1.0, 2.0, 3.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 0, 0, 0]])
+DEPTH_M = 2.0  # of what a pose shows
 SMALLER = 0.5  # what is judged on the largest rendering has half the score
 
 
-def placed(x: float, score: float, log_focal: float = 0.0) -> Hypothesis:
-    """Return a hypothesis `x` metres along an axis."""
-    return Hypothesis(0, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score, log_focal=log_focal)
+def placed(x: float, score: float, log_focal: float = 0.0, information: float = 10.0) -> Hypothesis:
+    """Return a hypothesis `x` metres along an axis, whose images tell the focal length to 2 percent."""
+    at = torch.tensor([x, 0.0, 0.0])
+    return Hypothesis(0, 0, torch.eye(3), at, score=score, log_focal=log_focal, information=information)
 
 
 class Refinement:
     """Stands for the steps of refinement: leaves poses as they are, but for what the medium stage `moves`, and counts them; `freed` is what
-    the best comes to if its focal length is not known."""
+    the best comes to if its focal length is not known, `beside` what poses at some places come to from beside them."""
 
-    def __init__(self, moves: dict[float, float], freed: Hypothesis | None) -> None:
-        self.moves, self.freed = moves, freed
-        self.seen: dict[str, list[Hypothesis]] = {name: [] for name in ("coarse", "medium", "fine", "halves")}
+    def __init__(
+        self, moves: dict[float, float], freed: Hypothesis | None, beside: dict[float, list[Hypothesis]]
+    ) -> None:
+        self.moves, self.freed, self.beside = moves, freed, beside
+        self.seen: dict[str, list[Hypothesis]] = {name: [] for name in ("coarse", "medium", "beside", "fine", "halves")}
 
     def coarse(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         self.seen["coarse"] += hypotheses
@@ -44,6 +46,11 @@ class Refinement:
     def medium(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         self.seen["medium"] += hypotheses
         return [self._moved(h) for h in hypotheses]
+
+    def from_beside(self, query: Any, hypothesis: Hypothesis, depth_m: float) -> list[Hypothesis]:
+        assert depth_m == DEPTH_M
+        self.seen["beside"].append(hypothesis)
+        return self.beside.get(round(float(hypothesis.position[0]), 3), [])
 
     def fine(self, query: Any, hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
         self.seen["fine"].append(hypothesis)
@@ -79,11 +86,14 @@ def contest_of(
     others: Callable[[float], list[Hypothesis]] = lambda log_focal: [],
     freed: Hypothesis | None = None,
     is_measured: bool = False,
+    beside: dict[float, list[Hypothesis]] | None = None,
+    is_wide: bool = False,
 ) -> tuple[Contest, dict[str, list[Hypothesis]]]:
     """Return a contest in one map, whose judge halves scores at the end; and what each stage of refinement has seen."""
 
     def judge_alone(hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
-        return replace(hypothesis, score=SMALLER * hypothesis.score), SimpleNamespace(of=hypothesis, others=others)
+        comparison = SimpleNamespace(of=hypothesis, others=others, depth_m=DEPTH_M)
+        return replace(hypothesis, score=SMALLER * hypothesis.score), comparison
 
     query: Any = SimpleNamespace(
         judge=lambda group, is_first: list(group),
@@ -95,13 +105,14 @@ def contest_of(
             rows=64,
             patch_deg=22.5,
             share=1.0,
+            is_wide=is_wide,
             prior=FocalPrior(-0.1, 0.8, True, is_measured),
             pyramid=SimpleNamespace(rotations=torch.eye(3)[None]),
         ),
     )
     config = LocalizerConfig()
     contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
-    refinement = Refinement(moves or {}, freed)
+    refinement = Refinement(moves or {}, freed, beside or {})
     contest.refinement = cast(Any, refinement)
     return contest, refinement.seen
 
@@ -167,6 +178,34 @@ def test_aliases_of_the_best_go_as_far_as_it_where_they_fit_hardly_worse() -> No
     assert marked == {0: False, 3: False, 6: True}
 
 
+# From beside the best.
+
+
+def test_what_fits_better_from_beside_the_best_takes_its_place_for_good() -> None:
+    ways = {0.0: [placed(0.4, 1.1), placed(0.3, 1.05)], 0.4: [placed(0.8, 1.2)], 0.8: [placed(1.2, 1.15)]}
+    contest, seen = contest_of(beside=ways)
+    # What is near where it was is no rival: it stayed behind.
+    contest.add([placed(0.0, 1.0), placed(-0.2, 0.9), placed(3.0, 0.9)])
+    assert found_by(contest) == [(0.8, 0.6), (3.0, 0.45)]
+    assert cast(Any, contest.comparison).of.score == 1.2
+    assert [round(float(h.position[0]), 1) for h in seen["beside"]] == [0.0, 0.4, 0.8]
+    assert len(seen["halves"]) == 1
+    contest.add([placed(5.0, 0.8)])
+    assert found_by(contest)[0] == (0.8, 0.6)
+    assert len(seen["beside"]) == 3
+
+
+def test_from_beside_the_best_nothing_is_found_that_limits_do_not_allow_or_that_is_seen_by_rigs_that_see_all() -> None:
+    ways = {0.0: [placed(0.4, 1.1)]}
+    for contest, count in (
+        contest_of(beside=ways, allows=lambda h: float(h.position[0]) < 0.4),
+        contest_of(beside=ways, is_wide=True),
+    ):
+        contest.add([placed(0.0, 1.0)])
+        assert found_by(contest) == [(0.0, 0.5)]
+        assert len(count["beside"]) == int(not contest.queries[0].rig.is_wide)
+
+
 # Other focal lengths.
 
 POWER = LocalizerConfig().focal.power
@@ -217,11 +256,15 @@ def test_at_the_same_place_another_focal_length_is_no_rival() -> None:
     assert contest.hypotheses[0].measures["focal_odds"] == 0.0
 
 
-@pytest.mark.parametrize(("score", "log_focal", "odds"), [(1.2, 0.07, 1.2**-25), (0.99, 0.0, 0.0)])
-def test_a_focal_length_that_is_hardly_another_is_one_only_where_it_fits_better(
-    score: float, log_focal: float, odds: float
+@pytest.mark.parametrize(
+    ("score", "information", "log_focal", "odds"),
+    [(1.2, 10.0, 0.07, 1.2**-25), (0.99, 10.0, 0.0, 0.0), (1.2, 2.0, 0.0, 0.0)],
+    ids=["fits better", "fits worse", "within what images leave open"],
+)
+def test_a_focal_length_that_is_hardly_another_is_one_only_where_it_fits_better_and_beyond_chance(
+    score: float, information: float, log_focal: float, odds: float
 ) -> None:
-    contest, _ = contest_of(others=lambda log_focal: [placed(1.0, score, 0.07)])
+    contest, _ = contest_of(others=lambda log_focal: [placed(1.0, score, 0.07, information)])
     contest.add([placed(0.0, 1.0)])
     contest.add_focal_lengths()
     best = contest.hypotheses[0]
@@ -275,21 +318,20 @@ def test_the_noise_of_a_photo_is_the_share_of_its_focal_length_times_the_distanc
     assert contest_of()[0].noise == NO_NOISE
     contest, _ = contest_of(rig=UNSURE)
     assert contest.noise == NO_NOISE  # of no pose
-    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=DEPTH), weights=WEIGHTS))
-    assert contest.noise.position_m == pytest.approx(0.02 * 2.0)
+    contest.comparison = cast(Any, SimpleNamespace(depth_m=DEPTH_M))
+    assert contest.noise.position_m == pytest.approx(0.02 * DEPTH_M)
     assert contest.noise.orientation_deg == 0.0
-    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=DEPTH), weights=0 * WEIGHTS))
+    contest.comparison = cast(Any, SimpleNamespace(depth_m=None))
     assert contest.noise == NO_NOISE
 
 
-@pytest.mark.parametrize(("information", "share"), [(1.0, 0.07), (25.0, 0.014), (0.0, 1.0)])
+@pytest.mark.parametrize(("information", "share"), [(1.0, 0.07), (25.0, 0.014)])
 def test_a_focal_length_that_was_found_is_as_uncertain_as_the_images_leave_it(information: float, share: float) -> None:
     found = replace(placed(1.0, 1.2, 0.3), information=information)
     contest, _ = contest_of(rig=UNSURE, others=lambda log_focal: [found] if not log_focal else [])
     contest.add([placed(0.0, 1.0)])
     contest.add_focal_lengths()
-    contest.comparison = cast(Any, SimpleNamespace(views=SimpleNamespace(depth=DEPTH), weights=WEIGHTS))
-    assert contest.noise.position_m == pytest.approx(share * 2.0)
+    assert contest.noise.position_m == pytest.approx(share * DEPTH_M)
 
 
 def test_the_noise_of_several_images_is_that_of_their_tracking() -> None:

@@ -20,6 +20,7 @@ from panoloc.core.query.focal_lengths import (
     FocalPrior,
     contradicts,
     focal_prior,
+    focal_uncertainty,
     found_cameras,
     guesses,
     with_other_focal_lengths,
@@ -112,25 +113,23 @@ def test_lengths_from_two_thirds_to_twice_the_stated_one_are_tried() -> None:
 
 
 def test_with_another_focal_length_the_camera_stands_where_what_is_halfway_deep_keeps_its_size() -> None:
-    depth, weights = torch.tensor([[[1.0, 2.0, 5.0], [4.0, 90.0, 90.0]]]), torch.tensor([[1.0, 0.5, 1, 1e-9, 0, 0]])
-    comparison: Any = SimpleNamespace(views=SimpleNamespace(depth=depth), weights=weights)
+    middle_m = 2.0
+    comparison: Any = SimpleNamespace(depth_m=middle_m)
     ahead = torch.tensor([0.6, 0.8, 0.0])
     found = with_other_focal_lengths(hypothesis(0.0), comparison, FocalPrior(-0.3, 0.8, False), ahead, FOCAL)
     assert min(logs(found)) >= -0.3
     assert max(logs(found)) <= 0.8
     assert len(found) > 4
-    middle_m = 2.0  # torch takes the lower one of two
     for h, log in zip(found, logs(found), strict=True):
         behind_m = -float(h.position @ ahead)
         torch.testing.assert_close(h.position, -behind_m * ahead)
         assert math.exp(log) / (middle_m + behind_m) == pytest.approx(1 / middle_m, rel=1e-5)
-    comparison.weights = 0 * weights
+    comparison.depth_m = None
     assert with_other_focal_lengths(hypothesis(0.0), comparison, FocalPrior(-0.3, 0.8, False), ahead, FOCAL) == []
 
 
 def test_the_stated_focal_length_is_not_tried_again_and_one_that_is_no_likelier_than_others_is() -> None:
-    depth = torch.ones((1, 1, 1))
-    comparison: Any = SimpleNamespace(views=SimpleNamespace(depth=depth), weights=depth[0])
+    comparison: Any = SimpleNamespace(depth_m=1.0)
     for is_stated in (True, False):
         prior = FocalPrior(-0.4, 0.4, is_stated)
         found = logs(with_other_focal_lengths(hypothesis(2 * FOCAL.step), comparison, prior, torch.ones(3), FOCAL))
@@ -223,6 +222,11 @@ def test_what_is_stated_is_contradicted_beyond_chance_by_what_fits_hardly_worse(
     best, stated = replace(hypothesis(None), score=1.0), FocalPrior(*FOCAL.bounds, is_stated=True)
     assert contradicts(other, best, stated, FOCAL) == is_other
     assert not contradicts(replace(other, information=0.1), best, stated, FOCAL)
+
+
+def test_images_that_tell_nothing_leave_a_focal_length_entirely_open() -> None:
+    assert focal_uncertainty(0.0, FOCAL) == 1.0
+    assert focal_uncertainty(25.0, FOCAL) == pytest.approx(FOCAL.noise / 5)
 
 
 @pytest.mark.parametrize(("log_focal", "is_other"), [(0.07, False), (-0.07, False), (0.08, True), (-0.08, True)])

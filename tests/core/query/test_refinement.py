@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+import torch
 
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.map.map_builder import build_map_index
@@ -28,3 +29,21 @@ def test_where_a_scan_has_few_points_these_are_what_is_aligned_and_not_the_gaps_
 
     assert share_seen(0.0) < 0.1
     assert share_seen(CONFIG.refinement.least_filled) > 0.1
+
+
+def test_from_beside_a_pose_what_is_so_far_ahead_stays_in_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    query, depth_m = query_of(rig_of(panorama())), 2.0
+    refinement = Refinement([query], CONFIG)
+    rotation, position = tensors_of(POSE)
+    began: list[Hypothesis] = []
+    monkeypatch.setattr(refinement, "medium", began.extend)
+    refinement.from_beside(query, Hypothesis(0, 0, rotation[0], position[0]), depth_m)
+    middle = position[0] + depth_m * rotation[0] @ query.rig.pyramid.rotations[0][:, 0]
+    moves = []
+    for pose in began:
+        seen = query.rig.pyramid.rotations[0].T @ pose.rotation.T @ (middle - pose.position)
+        torch.testing.assert_close(seen[1:], torch.zeros(2), atol=1e-5, rtol=0)
+        moves.append(query.rig.pyramid.rotations[0].T @ rotation[0].T @ (pose.position - position[0]))
+    step_m = CONFIG.focal.step * depth_m
+    expected = torch.tensor([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]) * step_m
+    torch.testing.assert_close(torch.stack(moves), expected, atol=1e-5, rtol=0)

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import torch
@@ -113,3 +115,11 @@ def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_sh
     torch.testing.assert_close(drawn(views.depth)[near], whole.depth[0][near])
     torch.testing.assert_close(drawn(views.color)[near], whole.color[0][near])
     assert not bool(drawn(views.valid)[~inside].any())
+
+
+def test_depth_is_the_median_distance_to_what_is_compared() -> None:
+    depth = torch.tensor([[[1.0, 2.0, 5.0], [4.0, 90.0, 90.0]]])
+    views: Any = SimpleNamespace(depth=depth)
+    colors, weights, image = torch.zeros(1, 6, 3), torch.tensor([[1.0, 0.5, 1, 1e-9, 0, 0]]), torch.zeros(1, 6).long()
+    assert Comparison(colors, colors, weights, None, views, image).depth_m == 2.0  # torch takes the lower one of two
+    assert Comparison(colors, colors, 0 * weights, None, views, image).depth_m is None
