@@ -233,10 +233,12 @@ class Contest:
         self.hypotheses = [best, *ranked, *others]
 
     def _follow_valleys(self, full: _Full) -> None:
-        """Refine the pose of a rig that shows a part of the sphere anew from beside it, and again from what fits better, which takes its
-        place."""
+        """Refine the pose of a rig that shows a part of the sphere anew from beside it, unless halves of the images end at one pose from
+        there; and again from what fits better, which takes its place."""
         query = self.queries[full.final.map_number]
-        while not (full.is_followed or query.rig.is_wide or full.comparison.depth_m is None):
+        while not (query.rig.is_wide or full.is_followed or full.comparison.depth_m is None):
+            if self._with_signs(full).measures["halves_apart_m"] < DISTANCES.same.distance_m:
+                return
             full.is_followed = True
             with self.clock.stage("refine"):
                 beside = self.refinement.from_beside(query, full.final, full.comparison.depth_m)

@@ -63,8 +63,8 @@ class Refinement:
         Where a photo shows little but a wall, the loss hardly rises along these ways, and steps may end far from where it is least.
         """
         forward, left, up = (hypothesis.rotation @ query.rig.pyramid.rotations[0]).unbind(1)
-        beside = []
-        for share in (self.config.focal.step, -self.config.focal.step):
+        most, beside = 2 * self.config.focal.step, []
+        for share in (most, -most):
             ahead = hypothesis.position + share * depth_m * forward
             aside = hypothesis.position + share * depth_m * left
             turn = rotation_from_vector(-math.atan(share) * up)

@@ -31,10 +31,11 @@ def placed(x: float, score: float, log_focal: float = 0.0, information: float = 
 
 class Refinement:
     """Stands for the steps of refinement: leaves poses as they are, but for what the medium stage `moves`, and counts them; `freed` is what
-    the best comes to if its focal length is not known, `beside` what poses at some places come to from beside them."""
+    the best comes to if its focal length is not known, `beside` what poses at some places come to from beside them,
+    which halves of the images do not agree on."""
 
     def __init__(
-        self, moves: dict[float, float], freed: Hypothesis | None, beside: dict[float, list[Hypothesis]]
+        self, moves: dict[float, float], freed: Hypothesis | None, beside: dict[float, list[Hypothesis]] | None
     ) -> None:
         self.moves, self.freed, self.beside = moves, freed, beside
         self.seen: dict[str, list[Hypothesis]] = {name: [] for name in ("coarse", "medium", "beside", "fine", "halves")}
@@ -50,7 +51,7 @@ class Refinement:
     def from_beside(self, query: Any, hypothesis: Hypothesis, depth_m: float) -> list[Hypothesis]:
         assert depth_m == DEPTH_M
         self.seen["beside"].append(hypothesis)
-        return self.beside.get(round(float(hypothesis.position[0]), 3), [])
+        return (self.beside or {}).get(round(float(hypothesis.position[0]), 3), [])
 
     def fine(self, query: Any, hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
         self.seen["fine"].append(hypothesis)
@@ -65,7 +66,8 @@ class Refinement:
     def with_halves(self, query: Any, hypothesis: Hypothesis, points: Any) -> Hypothesis:
         self.seen["halves"].append(hypothesis)
         assert points.of_score == hypothesis.score / SMALLER
-        return replace(hypothesis, measures=hypothesis.measures | {"halves_apart_m": 0.01, "halves_apart_deg": 0.1})
+        apart_m = 0.01 if self.beside is None else 0.2
+        return replace(hypothesis, measures=hypothesis.measures | {"halves_apart_m": apart_m, "halves_apart_deg": 0.1})
 
     def _moved(self, hypothesis: Hypothesis) -> Hypothesis:
         x = round(float(hypothesis.position[0]), 3)
@@ -112,7 +114,7 @@ def contest_of(
     )
     config = LocalizerConfig()
     contest = Contest(rig, [query], config, StageClock(None, torch.device("cpu")))
-    refinement = Refinement(moves or {}, freed, beside or {})
+    refinement = Refinement(moves or {}, freed, beside)
     contest.refinement = cast(Any, refinement)
     return contest, refinement.seen
 
@@ -189,10 +191,15 @@ def test_what_fits_better_from_beside_the_best_takes_its_place_for_good() -> Non
     assert found_by(contest) == [(0.8, 0.6), (3.0, 0.45)]
     assert cast(Any, contest.comparison).of.score == 1.2
     assert [round(float(h.position[0]), 1) for h in seen["beside"]] == [0.0, 0.4, 0.8]
-    assert len(seen["halves"]) == 1
     contest.add([placed(5.0, 0.8)])
     assert found_by(contest)[0] == (0.8, 0.6)
     assert len(seen["beside"]) == 3
+
+
+def test_where_halves_of_the_images_agree_nothing_is_refined_anew() -> None:
+    contest, seen = contest_of()
+    contest.add([placed(0.0, 1.0)])
+    assert (len(seen["halves"]), seen["beside"]) == (1, [])
 
 
 def test_from_beside_the_best_nothing_is_found_that_limits_do_not_allow_or_that_is_seen_by_rigs_that_see_all() -> None:

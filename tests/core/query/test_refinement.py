@@ -44,6 +44,6 @@ def test_from_beside_a_pose_what_is_so_far_ahead_stays_in_the_middle(monkeypatch
         seen = query.rig.pyramid.rotations[0].T @ pose.rotation.T @ (middle - pose.position)
         torch.testing.assert_close(seen[1:], torch.zeros(2), atol=1e-5, rtol=0)
         moves.append(query.rig.pyramid.rotations[0].T @ rotation[0].T @ (pose.position - position[0]))
-    step_m = CONFIG.focal.step * depth_m
+    step_m = 2 * CONFIG.focal.step * depth_m
     expected = torch.tensor([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]) * step_m
     torch.testing.assert_close(torch.stack(moves), expected, atol=1e-5, rtol=0)
