@@ -114,7 +114,7 @@ class Contest:
             if full is None:
                 break
             is_guess, other = prior.is_guess(best.log_focal), full.final
-            is_told = not prior.is_stated or leaves_stated(other, focal, focal.contradiction / 2)
+            is_told = not prior.is_stated or leaves_stated(other, focal, focal.contradiction)
             if not is_guess and not (is_told and other.score > best.score):
                 losers += [] if prior.is_as_stated(other.log_focal, focal.step) else [other]
                 break

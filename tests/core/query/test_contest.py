@@ -23,8 +23,8 @@ DEPTH_M = 2.0  # of what a pose shows
 SMALLER = 0.5  # what is judged on the largest rendering has half the score
 
 
-def placed(x: float, score: float, log_focal: float = 0.0, information: float = 10.0) -> Hypothesis:
-    """Return a hypothesis `x` metres along an axis, whose images tell the focal length to 2 percent."""
+def placed(x: float, score: float, log_focal: float = 0.0, information: float = 50.0) -> Hypothesis:
+    """Return a hypothesis `x` metres along an axis, whose images tell the focal length to 1 percent."""
     at = torch.tensor([x, 0.0, 0.0])
     return Hypothesis(0, 0, torch.eye(3), at, score=score, log_focal=log_focal, information=information)
 
@@ -265,7 +265,7 @@ def test_at_the_same_place_another_focal_length_is_no_rival() -> None:
 
 @pytest.mark.parametrize(
     ("score", "information", "log_focal", "odds"),
-    [(1.2, 10.0, 0.07, 1.2**-25), (0.99, 10.0, 0.0, 0.0), (1.2, 2.0, 0.0, 0.0)],
+    [(1.2, 50.0, 0.07, 1.2**-25), (0.99, 50.0, 0.0, 0.0), (1.2, 10.0, 0.0, 0.0)],
     ids=["fits better", "fits worse", "within what images leave open"],
 )
 def test_a_focal_length_that_is_hardly_another_is_one_only_where_it_fits_better_and_beyond_chance(
