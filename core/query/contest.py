@@ -36,14 +36,14 @@ from panoloc.core.stage_clock import StageClock
 
 @dataclass
 class _Full:
-    """A hypothesis of the medium stage; itself refined fully and judged, and how the scan compares there; the points that it was refined
-    on; and whether it was refined from beside it."""
+    """A hypothesis of the medium stage; itself refined fully and judged, how the scan compares there, and the points that it was refined
+    on. tried_beside: whether it was refined from beside it as well."""
 
     medium: Hypothesis
     final: Hypothesis
     comparison: Comparison
     points: PointPlanes
-    is_followed: bool = False
+    tried_beside: bool = False
 
 
 class Contest:
@@ -95,7 +95,8 @@ class Contest:
 
     def add_focal_lengths(self) -> None:
         """Let the images contradict a focal length that is stated. Unless it was measured, let poses with others compete with the best;
-        anew from the best of them while that is better, and in place of one whose focal length is but a guess."""
+        anew from the best of them while that is better, and in place of one whose focal length is but a guess. They win against a stated
+        one only beyond chance."""
         prior, focal = self.queries[0].rig.prior, self.config.focal
         if not self.hypotheses or self.comparison is None or prior is None:
             return
@@ -114,8 +115,8 @@ class Contest:
             if full is None:
                 break
             is_guess, other = prior.is_guess(best.log_focal), full.final
-            is_told = not prior.is_stated or leaves_stated(other, focal, focal.contradiction)
-            if not is_guess and not (is_told and other.score > best.score):
+            is_another = not prior.is_stated or leaves_stated(other, focal, focal.contradiction)
+            if not is_guess and not (is_another and other.score > best.score):
                 losers += [] if prior.is_as_stated(other.log_focal, focal.step) else [other]
                 break
             losers += [] if is_guess else [best]
@@ -213,10 +214,10 @@ class Contest:
             self.hypotheses, self.comparison, self._points = [], None, None
             return
         first, place = finals[0].final, DISTANCES.place
-        self._follow_valleys(finals[0])
+        self._refine_from_beside(finals[0])
         best, self.comparison, self._points = self._with_signs(finals[0]), finals[0].comparison, finals[0].points
         ranked = [full.final for full in finals[1:]]
-        if not first.is_near(best, DISTANCES.same):  # what stayed behind is no rival
+        if not first.is_near(best, DISTANCES.same):  # what steps left there is no rival
             ranked, others = ([h for h in some if not h.is_near(first, place)] for some in (ranked, others))
         if all(h.is_near(best, place) for h in ranked):
             # Margins compare like with like: the best place elsewhere is judged as the best was. Where all others are at the best place,
@@ -232,20 +233,20 @@ class Contest:
         others = [replace(h, score=min(h.score, least)) for h in others]
         self.hypotheses = [best, *ranked, *others]
 
-    def _follow_valleys(self, full: _Full) -> None:
-        """Refine the pose of a rig that shows a part of the sphere anew from beside it, unless halves of the images end at one pose from
-        there; and again from what fits better, which takes its place."""
+    def _refine_from_beside(self, full: _Full) -> None:
+        """Refine a pose of a narrow rig from beside it, where halves of the images do not agree on it. What fits better takes its place,
+        and is refined from beside it in turn."""
         query = self.queries[full.final.map_number]
-        while not (query.rig.is_wide or full.is_followed or full.comparison.depth_m is None):
+        while not (query.rig.is_wide or full.tried_beside or full.comparison.depth_m is None):
             if self._with_signs(full).measures["halves_apart_m"] < DISTANCES.same.distance_m:
                 return
-            full.is_followed = True
+            full.tried_beside = True
             with self.clock.stage("refine"):
                 beside = self.refinement.from_beside(query, full.final, full.comparison.depth_m)
             other = self._best_of(query, beside)
             if other is not None and other.final.score > full.final.score:
                 full.final, full.comparison, full.points = other.final, other.comparison, other.points
-                full.is_followed = False
+                full.tried_beside = False
 
     def _best_of(self, query: MapQuery, refined: Sequence[Hypothesis]) -> _Full | None:
         """Judge poses of the medium stage; return the best that limits allow, refined fully; None where they allow none."""

@@ -58,9 +58,10 @@ class Refinement:
         return refined
 
     def from_beside(self, query: MapQuery, hypothesis: Hypothesis, depth_m: float) -> list[Hypothesis]:
-        """Refine anew from beside a pose: nearer and farther, left and right, what is so far ahead staying in the middle.
+        """Return what a pose comes to from beside it: from nearer, farther, left and right, turned to what it has in its middle.
 
-        Where a photo shows little but a wall, the loss hardly rises along these ways, and steps may end far from where it is least.
+        Before a wall the loss hardly rises along these ways, so steps may end far from where it is least. depth_m: the distance to what the
+        pose shows, metres; each place is as large a share of it away as two steps of focal lengths.
         """
         forward, left, up = (hypothesis.rotation @ query.rig.pyramid.rotations[0]).unbind(1)
         most, beside = 2 * self.config.focal.step, []

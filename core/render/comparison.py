@@ -7,6 +7,7 @@ of 69 degrees shows a fourteenth of it.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -39,7 +40,7 @@ class Comparison:
     views: SyntheticViews
     image: Tensor
 
-    @property
+    @cached_property
     def depth_m(self) -> float | None:
         """Return the median distance to what is compared at the first pose, metres; None where nothing is."""
         seen = self.views.depth.flatten(1)[0][self.weights[0] > 0]

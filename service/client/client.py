@@ -9,7 +9,7 @@ import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Generic, Self, TypeVar
@@ -202,17 +202,15 @@ class BaseClient(ABC, Generic[MapT, AnswerT]):
         return json_object(self._checked("GET", path, timeout=wait_s))
 
     def download(self, path: str, query: Mapping[str, str], file: BinaryIO | Path | str) -> None:
-        """Write the body at a path into an open file, or into a new one, block by block."""
-        if isinstance(file, Path | str):
-            with open(file, "wb") as opened:
-                return self.download(path, query, opened)
+        """Write the body at a path into an open file, or into the file of a name once the service has found it, block by block."""
         try:
             with self._http.stream("GET", self.link(path), params=query, timeout=UPLOAD_READ_TIMEOUT_S) as reply:
                 if not reply.is_success:
                     reply.read()
                     raise_problem(reply)
-                for block in reply.iter_bytes():
-                    file.write(block)
+                with open(file, "wb") if isinstance(file, Path | str) else nullcontext(file) as opened:
+                    for block in reply.iter_bytes():
+                        opened.write(block)
         except httpx.HTTPError as error:
             raise UnreachableError(self.url, reason(error)) from error
 

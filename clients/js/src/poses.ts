@@ -93,8 +93,9 @@ export function levelled(mapFromCamera: Motion, sessionFromCamera: Motion): Moti
   return { position_m: subtract(mapFromCamera.position_m, rotate(quaternion, sessionFromCamera.position_m)), quaternion };
 }
 
-export const isFinite = ({ position_m, quaternion }: Motion): boolean =>
-  Number.isFinite(length(position_m)) && Number.isFinite(length(quaternion) + quaternion.w);
+/** Whether a motion has no NaN and nothing infinite. */
+export const isFiniteMotion = ({ position_m, quaternion }: Motion): boolean =>
+  Number.isFinite(length(position_m) + length(quaternion) + quaternion.w);
 
 /** Return the 4 x 4 matrix column by column, as WebGL, WebXR and three.js have it. */
 export function matrixOf({ position_m: p, quaternion: q }: Motion): number[] {

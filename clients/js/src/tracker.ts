@@ -1,7 +1,7 @@
 /** Keeps `mapFromSession` right while a person walks: asks the service from time to time, and weighs what it answers. */
 
 import { areApart, first, fused, later, loosened, measured, type Estimate } from "./estimate.ts";
-import { compose, difference, inverse, isFinite, length, moved, type Difference, type Motion } from "./poses.ts";
+import { compose, difference, inverse, isFiniteMotion, length, moved, type Difference, type Motion } from "./poses.ts";
 import type { Query } from "./client.ts";
 import type { Sending } from "./requests.ts";
 import type { CameraEntry, LocalizeOptions, Localization, Localized } from "./types.ts";
@@ -125,7 +125,7 @@ export class Tracker {
       if (this.#estimate && time_s - this.#walk.seen_s > LONGEST_LOSS_S) this.#lose();
       return;
     }
-    if (!isFinite(sessionFromCamera)) throw new TypeError("expected a pose of finite numbers, got another; null while the camera is not tracked");
+    if (!isFiniteMotion(sessionFromCamera)) throw new TypeError("expected a pose of finite numbers, or null while the camera is not tracked");
     const step = this.#walk.update(time_s, sessionFromCamera);
     if (step.jumped) {
       this.#hasJumped = true;

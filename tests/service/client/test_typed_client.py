@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from panoloc import Ambiguous, Localized, Map, NotLocalized, PanolocClient
-from panoloc.service.client import ClientError, MapFailedError, UnexpectedReplyError, UnreachableError
+from panoloc.service.client import ApiProblemError, ClientError, MapFailedError, UnexpectedReplyError, UnreachableError
 from panoloc.service.http.schemas.examples import LOCALIZATION_EXAMPLE, MAP_EXAMPLE
 from panoloc.service.http.schemas.queries import LocalizeOptions
 from tests.service.light_modules import core_modules
@@ -20,10 +20,15 @@ ROOT = Path(__file__).resolve().parents[3]
 WITHOUT_POSE = dict.fromkeys(("map_id", "map_revision", "pose", "map_from_session", "geopose", "accuracy"))
 
 
-def client_of(document: dict[str, Any]) -> PanolocClient:
-    """Return a client of a service that answers everything alike."""
-    transport = httpx.MockTransport(lambda _: httpx.Response(200, json=document))
-    return PanolocClient("http://127.0.0.1:8000", transport=transport)
+def client_of(document: dict[str, Any], sent: list[bytes] | None = None, status: int = 200) -> PanolocClient:
+    """Return a client of a service that answers everything alike. sent: the body of each request is added to it."""
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        if sent is not None:
+            sent.append(request.read())
+        return httpx.Response(status, json=document)
+
+    return PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(answer))
 
 
 @pytest.fixture
@@ -77,12 +82,7 @@ def test_a_reply_of_another_version_says_where_it_differs(photo: Path) -> None:
 
 def test_the_pose_of_an_answer_is_a_prior_as_it_is(photo: Path) -> None:
     sent = list[bytes]()
-
-    def answer(request: httpx.Request) -> httpx.Response:
-        sent.append(request.read())
-        return httpx.Response(200, json=LOCALIZATION_EXAMPLE)
-
-    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(answer)) as client:
+    with client_of(LOCALIZATION_EXAMPLE, sent) as client:
         last = client.localize(photo, ["map_1"])
         assert last.status == "localized"
         prior = {"pose": last.pose, "position_std_m": 0.5}
@@ -102,16 +102,14 @@ def test_what_an_answer_links_to_is_written_into_a_new_file(tmp_path: Path) -> N
     with client_of({"a": 1}) as client:
         client.download("/artifacts/1", {}, tmp_path / "new.json")
     assert (tmp_path / "new.json").read_text() == '{"a":1}'
+    with client_of({"detail": "expired"}, status=404) as client, pytest.raises(ApiProblemError):
+        client.download("/artifacts/1", {}, tmp_path / "new.json")
+    assert (tmp_path / "new.json").read_text() == '{"a":1}', "what is refused replaces nothing"
 
 
 def test_a_text_is_a_path_and_one_id_is_a_list_of_it(photo: Path) -> None:
     sent = list[bytes]()
-
-    def answer(request: httpx.Request) -> httpx.Response:
-        sent.append(request.read())
-        return httpx.Response(200, json=LOCALIZATION_EXAMPLE)
-
-    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(answer)) as client:
+    with client_of(LOCALIZATION_EXAMPLE, sent) as client:
         client.localize(str(photo), "map_1", mask=[str(photo)])
     assert re.findall(rb'name="map_id"\r\n\r\n(.*)\r\n', sent[0]) == [b"map_1"]
     assert re.findall(rb'name="(image|mask)"; filename="photo.jpg"', sent[0]) == [b"image", b"mask"]
