@@ -202,15 +202,17 @@ def test_where_halves_of_the_images_agree_nothing_is_refined_anew() -> None:
     assert (len(seen["halves"]), seen["beside"]) == (1, [])
 
 
-def test_from_beside_the_best_nothing_is_found_that_limits_do_not_allow_or_that_is_seen_by_rigs_that_see_all() -> None:
-    ways = {0.0: [placed(0.4, 1.1)]}
-    for contest, count in (
-        contest_of(beside=ways, allows=lambda h: float(h.position[0]) < 0.4),
-        contest_of(beside=ways, is_wide=True),
-    ):
-        contest.add([placed(0.0, 1.0)])
-        assert found_by(contest) == [(0.0, 0.5)]
-        assert len(count["beside"]) == int(not contest.queries[0].rig.is_wide)
+def test_from_beside_the_best_what_fits_best_of_what_limits_allow_is_taken() -> None:
+    ways = {0.0: [placed(0.6, 1.3), placed(0.3, 1.1)]}
+    contest, _ = contest_of(beside=ways, allows=lambda h: float(h.position[0]) < 0.4)
+    contest.add([placed(0.0, 1.0)])
+    assert found_by(contest) == [(0.3, 0.55)]
+
+
+def test_rigs_that_see_all_around_are_not_refined_from_beside() -> None:
+    contest, seen = contest_of(beside={0.0: [placed(0.4, 1.1)]}, is_wide=True)
+    contest.add([placed(0.0, 1.0)])
+    assert (found_by(contest), seen["beside"]) == ([(0.0, 0.5)], [])
 
 
 # Other focal lengths.
