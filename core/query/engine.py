@@ -8,7 +8,6 @@ prepare, for each focal length that the rig may have → refine and judge where 
 """
 
 from collections.abc import Sequence
-from itertools import zip_longest
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
@@ -85,11 +84,14 @@ class Engine:
         contests: one for each focal length that the rig may have. In each round that one goes on which fits best so far.
         """
         num_starts = num_poses = 0
-        with clock.stage("search"):
-            rounds = [rounds_of(contest.queries, self.config.search) for contest in contests]
+        rounds = [rounds_of(contest.queries, self.config.search) for contest in contests]
         best = contests[0]
         left: list[list[list[Hypothesis]]] = [[] for _ in contests]
-        for searched in zip_longest(*rounds):
+        while True:
+            with clock.stage("search"):
+                searched = [next(of_contest, None) for of_contest in rounds]
+            if not any(searched):
+                break
             for contest, of_contest, portions in zip(contests, searched, left, strict=True):
                 if of_contest is None:
                     continue

@@ -129,7 +129,7 @@ class MapQuery:
     def lines(self) -> LineEvidence | None:
         """Return what the edges of the images say of rotations; None where that is little."""
         rig, index = self.rig, self.index
-        if rig.is_wide or rig.is_labels:
+        if rig.is_labels:
             return None
         evidence = LineEvidence(rig.lines, index.wall_axes, self.limits, self.config.search)
         return evidence if evidence.contrast >= self.config.lines.least_contrast else None
@@ -162,8 +162,9 @@ class MapQuery:
         return replace(judged, measures=measures), comparison
 
     def _judged(self, group: Sequence[Hypothesis], comparison: Comparison) -> list[Hypothesis]:
-        """Return hypotheses with the measures of a comparison, and how well lines agree with their rotations."""
-        agreeing = None if self.lines is None else 1 - self.lines.missed(stacked_poses(group)[0])
+        """Return hypotheses with the measures of a comparison, and of narrow rigs how well lines agree with their rotations."""
+        lines = None if self.rig.is_wide else self.lines
+        agreeing = None if lines is None else 1 - lines.missed(stacked_poses(group)[0])
         measured = agreement(comparison, self.config.judge, self.rig.shares(group), self.rig.patch_deg, agreeing)
         return with_agreement(group, replace(measured, score=measured.score * self.rig.likelihoods(group)))
 

@@ -1,7 +1,7 @@
-"""The rounds of search: what gravity and lines allow, then everything."""
+"""The rounds of search: what gravity and lines allow, and everything."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -25,20 +25,27 @@ class Round:
     by_lines: bool
 
 
-def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> list[Round]:
-    """Return the rounds that a query takes one after the other, until an answer is sure.
+def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> Iterator[Round]:
+    """Yield the rounds that a query takes one after the other, until an answer is sure.
 
     Where a rig covers little of the sphere, first the poses that cameras held level leave, and of these the ones that lines agree with,
-    where there are any to ask.
+    where there are any to ask. What covers much of it is mostly found among all poses at once, and lines are asked where it is not.
     """
-    limits, tilt = [query.limits for query in queries], math.radians(config.level_tilt_deg)
-    everything = Round(limits, by_lines=False)
-    leaves_tilts = not queries[0].rig.is_wide and any(limit.leaves_tilts_beyond(tilt) for limit in limits)
+    limits, tilt, is_wide = (
+        [query.limits for query in queries],
+        math.radians(config.level_tilt_deg),
+        queries[0].rig.is_wide,
+    )
+    if is_wide:
+        yield Round(limits, by_lines=False)
+    leaves_tilts = any(limit.leaves_tilts_beyond(tilt) for limit in limits)
     has_lines = any(query.lines is not None for query in queries)
-    if not leaves_tilts and not has_lines:
-        return [everything]
-    level = Round([replace(limit, max_tilt=tilt) for limit in limits] if leaves_tilts else limits, has_lines)
-    return [level, Round(limits, by_lines=True), everything] if has_lines and leaves_tilts else [level, everything]
+    if leaves_tilts and (has_lines or not is_wide):
+        yield Round([replace(limit, max_tilt=tilt) for limit in limits], has_lines)
+    if has_lines:
+        yield Round(limits, by_lines=True)
+    if not is_wide:
+        yield Round(limits, by_lines=False)
 
 
 def propose(

@@ -68,11 +68,10 @@ class LineEvidence:
         """Return how far rotations (R, 3, 3) fall short of the best one: 0, not at all, to 1, no better than by chance."""
         return 1 - ((self.of_rotations(rotations) - self._lines.by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
 
-    def likely_rotations(self, limits: PoseLimits) -> Tensor:
-        """Return the rotations (L, 3, 3) within the limits that edges agree with best, some degrees apart."""
+    def likely_rotations(self, limits: PoseLimits, most: int) -> Tensor:
+        """Return the rotations (L, 3, 3) within the limits that edges agree with best, some degrees apart; of no more than `most`."""
         allowed = limits.allows_rotation(self._every, rotation_spacing(len(self._every)) / 2).nonzero()[:, 0]
-        count = min(len(allowed), self._config.likely_rotations)
-        best = self._every[allowed[self._of_every[allowed].topk(count).indices]]
+        best = self._every[allowed[self._of_every[allowed].topk(min(len(allowed), most)).indices]]
         apart = PoseDistance(1.0, self._config.likely_apart_deg)
         distinct = first_distinct(best, torch.zeros_like(best[:, 0]), apart)
         return best[torch.tensor(distinct, dtype=torch.long, device=best.device)]
@@ -107,8 +106,12 @@ class MapSearch:
         by_lines: only of the few rotations that lines agree with, where they are asked, and the best at places around their starts as well.
         """
         config, lines = self.config, self.lines if by_lines else None
-        halvings = config.halvings(self.is_wide)
-        rotations = self._rotations(halvings, limits) if lines is None else lines.likely_rotations(limits)
+        if lines is None:
+            halvings = config.halvings(self.is_wide)
+            rotations = self._rotations(halvings, limits)
+        else:
+            halvings = 0
+            rotations = lines.likely_rotations(limits, config.likely_rotations_of(self.is_wide))
         if not len(starts) or not len(rotations):
             none = self.index.starts[:0]
             return Candidates(starts[:0], none.new_zeros((0, 3, 3)), none, none[:, 0], none[:, 0]), 0

@@ -40,7 +40,7 @@ def searched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[str, int, l
         """Search with contests by name; return whose answer it is, how many poses were scored, and the notes."""
         notes: list[str] = []
         contests: Any = [Noted(name, of_name, notes) for name, of_name in scores.items()]
-        monkeypatch.setattr(steps, "rounds_of", lambda name, config: list(range(1, rounds[name] + 1)))
+        monkeypatch.setattr(steps, "rounds_of", lambda name, config: iter(range(1, rounds[name] + 1)))
         monkeypatch.setattr(steps, "propose", lambda name, number, config: ([f"{number}a", f"{number}b"], 5, 10))
         monkeypatch.setattr(Engine, "is_sure", lambda engine, contest: notes[-1] == sure_after)
         clock = StageClock(None, torch.device("cpu"))

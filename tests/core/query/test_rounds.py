@@ -16,7 +16,7 @@ from panoloc.core.query.rounds import aliases_of_pose, propose, rounds_of
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, OTHER_BOX, POSE, SYMMETRIC, TWIN, map_of, tensors_of
 from tests.core.image.painted_photos import UPRIGHT, photo_of
 from tests.core.painted_box import PaintedBox
-from tests.core.search.found_candidates import CONFIG, query
+from tests.core.search.found_candidates import CONFIG, RIGS, query, query_of
 
 pytestmark = pytest.mark.slow
 SEARCH = CONFIG.search
@@ -46,19 +46,37 @@ def test_photos_that_may_be_tilted_are_searched_level_first_and_by_lines_before_
 ) -> None:
     index = map_of(LABELLED, AS_LABELS) if labels else map_of(OTHER_BOX)
     (photo,) = queries_of(index, hints=Hints(max_tilt_deg=most_tilt_deg) if most_tilt_deg else None)
-    rounds = rounds_of([photo], SEARCH)
+    rounds = list(rounds_of([photo], SEARCH))
     assert [each.by_lines for each in rounds] == by_lines
     level = replace(photo.limits, max_tilt=math.radians(SEARCH.level_tilt_deg))
     assert rounds[0].limits == [level if is_level_first else photo.limits]
     assert all(each.limits == [photo.limits] for each in rounds[1:])
 
 
-def test_panoramas_are_searched_at_once() -> None:
-    assert [each.by_lines for each in rounds_of([query("panorama")], SEARCH)] == [False]
+@pytest.mark.parametrize(
+    ("max_tilt_deg", "by_lines"),
+    [(None, [False, True, True]), (10.0, [False, True])],
+)
+def test_of_panoramas_all_is_searched_at_once_and_lines_are_asked_only_after_that(
+    max_tilt_deg: float | None, by_lines: list[bool]
+) -> None:
+    panorama = query_of(RIGS["panorama"][0], Hints(max_tilt_deg=max_tilt_deg) if max_tilt_deg else None)
+    rounds = rounds_of([panorama], SEARCH)
+    first = next(rounds)
+    assert "lines" not in vars(panorama)  # most queries never pay for them
+    rest = list(rounds)
+    assert [each.by_lines for each in (first, *rest)] == by_lines
+    level = replace(panorama.limits, max_tilt=math.radians(SEARCH.level_tilt_deg))
+    assert [each.limits for each in rest] == [[level], [panorama.limits]][-len(rest) :]
+
+
+def test_of_panoramas_of_labels_all_is_searched_and_nothing_else() -> None:
+    panorama = prepare_queries(RIGS["panorama"][0], [map_of(LABELLED, AS_LABELS)], None, CONFIG)
+    assert [each.by_lines for each in rounds_of(panorama, SEARCH)] == [False]
 
 
 def test_the_best_are_looked_at_first() -> None:
-    (first, rest), *_ = propose([query("one photo")], rounds_of([query("one photo")], SEARCH)[0], SEARCH)
+    (first, rest), *_ = propose([query("one photo")], next(rounds_of([query("one photo")], SEARCH)), SEARCH)
     assert len(first) == SEARCH.num_candidates // 4
     assert 0 < len(rest) <= SEARCH.num_candidates - len(first)
     assert all(h is not other for h in first for other in rest)

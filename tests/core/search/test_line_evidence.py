@@ -18,7 +18,7 @@ from panoloc.core.options import Hints
 from panoloc.core.query.map_query import MapQuery
 from panoloc.core.query.rounds import rounds_of
 from panoloc.core.search.map_search import LineEvidence, search_maps
-from tests.core.built_maps import POSE, map_of, tensors_of
+from tests.core.built_maps import POSE, map_of, rig_of, tensors_of
 from tests.core.found_pose import known
 from tests.core.image.painted_photos import SIDEWAYS, photo_of
 from tests.core.painted_box import PaintedBox
@@ -50,12 +50,25 @@ def nearest_deg(rotations: Tensor, wanted: Tensor) -> float:
 @pytest.mark.parametrize("hints", [None, Hints(upright=True)])
 def test_few_rotations_are_left_and_the_right_one_is_among_them(hints: Hints | None) -> None:
     query = query_of(hints=hints)
-    first = rounds_of([query], CONFIG.search)[0]
+    first = next(rounds_of([query], CONFIG.search))
     assert first.by_lines
-    likely = evidence_of(query).likely_rotations(first.limits[0])
-    assert len(likely) < 200
+    likely = evidence_of(query).likely_rotations(first.limits[0], 200)
+    assert 1 < len(likely) < 200
+    assert 0 < len(evidence_of(query).likely_rotations(first.limits[0], 25)) < len(likely)
     assert nearest_deg(likely, ROTATION) < 4.0
     assert bool(first.limits[0].allows_rotation(likely, rotation_spacing(CONFIG.search.line_rotations) / 2).all())
+
+
+def test_of_a_panorama_few_rotations_leave_the_right_one_and_its_pose_comes_first() -> None:
+    panorama = found_candidates.query_of(rig_of(BOX.panorama(POSE)), None, map_of(BOX))
+    _, level, _ = rounds_of([panorama], CONFIG.search)
+    most = CONFIG.search.likely_rotations_of(is_wide=True)
+    assert most < CONFIG.search.likely_rotations_of(is_wide=False) / 4
+    assert nearest_deg(evidence_of(panorama).likely_rotations(level.limits[0], most), ROTATION) < 4.0
+    (found,), _, num_poses = search_maps([panorama.search], level.limits, level.by_lines, CONFIG.search)
+    assert 0 < num_poses <= map_of(BOX).num_starts * most
+    assert float((found.positions[0] - PLACE).norm()) < 0.3
+    assert nearest_deg(found.rotations[:1], ROTATION) < 5.0
 
 
 def test_the_score_falls_with_what_a_rotation_misses() -> None:
@@ -76,7 +89,7 @@ def test_the_score_falls_with_what_a_rotation_misses() -> None:
 
 def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
     query, index = query_of(), map_of(BOX)
-    limits = rounds_of([query], CONFIG.search)[0].limits
+    limits = next(rounds_of([query], CONFIG.search)).limits
     (found,), *_ = search_maps([query.search], limits, True, CONFIG.search)
     off_m, starts = (found.positions - PLACE).norm(dim=-1), index.starts[found.starts]
     assert float(off_m[0]) < 0.2
