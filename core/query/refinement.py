@@ -15,6 +15,7 @@ from panoloc.core.query.map_query import MapQuery, by_colors
 from panoloc.core.refine.refinement import halves_apart, joined, refine
 from panoloc.core.refine.step import PointPlanes
 from panoloc.core.render.comparison import Comparison
+from panoloc.core.search.pose_limits import NOTICEABLE_TILT
 
 
 class Refinement:
@@ -88,13 +89,12 @@ class Refinement:
             (hypothesis,) = self._refine(level, points, [hypothesis], sizes.iterations, sizes.step, sizes.stop)
         # How sharp the loss of the images is there, limits aside, says how far off the pose may be.
         (there,) = self._refine(level, points, [hypothesis], 1, sizes.step, None)
-        beyond = self.queries[0].limits.beyond(there.rotation)
         return replace(
             there,
             rotation=hypothesis.rotation,
             position=hypothesis.position,
             log_focal=hypothesis.log_focal,
-            beyond_limits=beyond,
+            beyond_limits=self._fits_beyond_limits(query, hypothesis, there, points),
         ), points
 
     def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: PointPlanes) -> Hypothesis:
@@ -107,6 +107,19 @@ class Refinement:
         distance, angle = apart.tolist()
         measures = {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)}
         return replace(hypothesis, measures=hypothesis.measures | measures)
+
+    def _fits_beyond_limits(
+        self, query: MapQuery, hypothesis: Hypothesis, there: Hypothesis, points: PointPlanes
+    ) -> bool:
+        """Return whether the images alone would tilt a pose that was refined fully beyond the limits: a first look, where limits hold it.
+        there: what one step without limits comes to."""
+        limits, sizes = self.queries[0].limits, self.config.refinement
+        if not limits.excess_tilt(there.rotation):
+            return False
+        level = query.rig.colors.level(sizes.medium_rounds[-1].rows, sizes.contrast / 2)
+        some = points.thinned(sizes.halves_every)
+        (free,) = self._refine(level, some, [hypothesis], 2 * sizes.iterations, sizes.step, None)
+        return limits.excess_tilt(free.rotation) > NOTICEABLE_TILT
 
     def with_free_focal_length(self, query: MapQuery, hypothesis: Hypothesis, points: PointPlanes) -> Hypothesis:
         """Return where a hypothesis that was refined fully comes to if its focal length is not known: a first look."""

@@ -13,7 +13,7 @@ from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import DEFAULT_RADIUS_M, DEFAULT_TOLERANCE_DEG, Hints
 
-_NOTICEABLE = math.radians(0.5)  # less is within what refinement is off by
+NOTICEABLE_TILT = math.radians(0.5)  # less is within what refinement is off by
 _INSIDE = 1e-4  # radians; what is turned back to a limit must lie within it whatever is rounded
 
 
@@ -90,11 +90,11 @@ class PoseLimits:
             rotations = _tilted_at_most(rotations, rotations @ self.first_rotation[:, 2], self.max_tilt)
         return rotations
 
-    def beyond(self, rotation: Tensor) -> bool:
-        """Return whether a rotation (3, 3) tilts noticeably more than the limits allow."""
+    def excess_tilt(self, rotation: Tensor) -> float:
+        """Return by how many radians a rotation (3, 3) tilts more than the limits allow."""
         if not self.bounds_tilts:
-            return False
-        return float(rotation_angle(self.nearest_rotations(rotation[None])[0], rotation)) > _NOTICEABLE
+            return 0.0
+        return float(rotation_angle(self.nearest_rotations(rotation[None])[0], rotation))
 
     def allows_pose(self, rotation: Tensor, position: Tensor) -> bool:
         """Return whether a pose, (3, 3) map_from_camera and (3,), lies within the limits."""

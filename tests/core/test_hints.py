@@ -4,8 +4,8 @@ import pytest
 
 from panoloc.core.options import Hints
 from panoloc.core.search.pose_limits import pose_limits
-from tests.core.built_maps import BOX, POSE, answer, localized, map_of, panorama, tensors_of
-from tests.core.found_pose import assert_found
+from tests.core.built_maps import BOX, OTHER_BOX, POSE, answer, localized, map_of, panorama, tensors_of
+from tests.core.found_pose import assert_found, known
 
 HOLDING = {
     "position": Hints(position_m=(1.9, 2.2, 1.4), radius_m=0.5),
@@ -49,6 +49,12 @@ def test_a_wrong_hint_is_not_localized_and_not_exceeded(hints: Hints) -> None:
             rotation, position = tensors_of(candidate.pose)
             assert bool(limits.allows_position(position, 1e-4))
             assert bool(limits.allows_rotation(rotation, 1e-3))
+
+
+def test_a_pose_that_a_tilt_much_too_small_holds_is_not_sure_however_well_it_fits_there() -> None:
+    found = localized(OTHER_BOX.panorama(POSE), OTHER_BOX, hints=Hints(max_tilt_deg=0.5))
+    assert found.status == "not_localized"
+    assert known(found.best).confidence < 0.5
 
 
 def test_a_hint_outside_of_the_map_leaves_nothing_and_says_so() -> None:
