@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from panoloc.core.camera.rig import Panorama, Rig
 from panoloc.core.errors import OptionsError
@@ -15,7 +14,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.reading import read_scan
-from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
+from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError, known_pose
 from panoloc.lab.rooms.capture.shooting import turned
 
 # The names of the paper's table 1, whose splits are those with changes.
@@ -170,12 +169,12 @@ def _stanford_pose(path: Path) -> Pose:
         values = json.loads(path.read_text(encoding="utf-8"))
         if "camera_location" in values and "final_camera_rotation" in values:
             right, up, back = turned(*np.asarray(values["final_camera_rotation"], np.float64)[::-1]).T
-            return _pose_of(
+            return known_pose(
                 np.stack((-back, -right, up), axis=1), np.asarray(values["camera_location"], np.float64), path
             )
         matrix = np.asarray(values["camera_rt_matrix"], np.float64)[:3]
         right, down, forward = matrix[:, :3]
-        return _pose_of(np.stack((forward, -right, -down), axis=1), -matrix[:, :3].T @ matrix[:, 3], path)
+        return known_pose(np.stack((forward, -right, -down), axis=1), -matrix[:, :3].T @ matrix[:, 3], path)
     except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
         raise SourceError(
             f"{path}: expected JSON with camera_location and final_camera_rotation, or camera_rt_matrix ({error!r})"
@@ -196,15 +195,7 @@ def _camera_from_map_pose(path: Path) -> Pose:
         ) from error
     if matrix.shape not in ((3, 4), (4, 4)):
         raise SourceError(f"{path}: expected a 3 x 4 or 4 x 4 matrix [R | position], got {matrix.shape}")
-    return _pose_of(matrix[:3, :3].T, matrix[:3, 3], path)
-
-
-def _pose_of(rotation: NDArray[np.float64], position: NDArray[np.float64], path: Path) -> Pose:
-    """Return a pose after checking that `rotation` is one; raises SourceError that names `path`."""
-    is_rotation = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
-    if not is_rotation or not np.isfinite(position).all():
-        raise SourceError(f"{path}: expected an orthonormal right-handed rotation and a finite position")
-    return Pose(rotation, position)
+    return known_pose(matrix[:3, :3].T, matrix[:3, 3], path)
 
 
 def _images_in(folder: Path) -> tuple[str, ...]:

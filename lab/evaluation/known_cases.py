@@ -21,6 +21,14 @@ class SourceError(CoreError):
     """Cases are not where they were expected, or not in the expected form. The message names the file and the form."""
 
 
+def known_pose(rotation: NDArray[np.float64], position: NDArray[np.float64], where: object) -> Pose:
+    """Return a pose after checking that `rotation` (3, 3) is one and `position` (3,) finite; raises SourceError that names `where`."""
+    is_rotation = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
+    if not is_rotation or not np.isfinite(position).all():
+        raise SourceError(f"{where}: expected an orthonormal right-handed rotation and a finite position")
+    return Pose(rotation, position)
+
+
 @dataclass(frozen=True, eq=False)
 class KnownQuery:
     """One query with its truth: a full panorama, or the photos of a session.

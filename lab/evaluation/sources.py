@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.image.reader import read_panorama
 from panoloc.core.options import IndexOptions, ScanOptions
 from panoloc.core.scan.reading import read_scan
-from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
+from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError, known_pose
 from panoloc.lab.evaluation.photo_source import as_uploaded
 from panoloc.lab.rooms import suite_cases
 
@@ -89,40 +90,72 @@ def folder_scans(root: Path, *, tags: tuple[str, ...] = ()) -> list[ScanCases]:
     truths = sorted([*root.glob("truth.json"), *root.glob("*/truth.json")])
     if not truths:
         raise SourceError(f"{root}: expected truth.json in it or in a folder below, found none")
-    return [scan for truth in truths for scan in _scans_of(truth, tags)]
+    scans = [scan for truth in truths for scan in _scans_of(truth, tags)]
+    if tags and not any(scan.query_names for scan in scans):
+        raise SourceError(f"{root}: expected queries with the tags {', '.join(tags)}, found none")
+    return scans
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One query of a truth.json: its file, the scan that it is of, None for each, its pose in the scan's own frame, and its tags."""
+
+    image: str
+    scan: str | None
+    pose: Pose
+    tags: tuple[str, ...]
 
 
 def _scans_of(truth_file: Path, tags: tuple[str, ...]) -> list[ScanCases]:
     folder = truth_file.parent
     try:
         truth = json.loads(truth_file.read_text(encoding="utf-8"))
-        name, scans = str(truth.get("name", folder.name)), list(truth["scans"])
-        queries = {str(entry["image"]): entry for entry in truth["queries"] if set(tags) <= set(entry.get("tags", ()))}
-    except (ValueError, KeyError, TypeError) as error:
+        name, scans = str(truth.get("name", folder.name)), [str(scan) for scan in truth["scans"]]
+        kind = truth.get("color_kind", "rgb")
+        entries = [_entry(entry, f"{truth_file}: queries[{k}]") for k, entry in enumerate(truth["queries"])]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SourceError(
             f"{truth_file}: expected scans and queries with image, position_m and rotation ({error!r})"
         ) from error
-    return [
-        ScanCases(
+    for k, entry in enumerate(entries):
+        if entry.scan not in (None, *scans):
+            raise SourceError(
+                f"{truth_file}: queries[{k}].scan: expected one of {', '.join(scans)}, got {entry.scan!r}"
+            )
+    missing = [file for file in (*scans, *(entry.image for entry in entries)) if not (folder / file).is_file()]
+    if missing:
+        raise SourceError(f"{truth_file}: expected its files beside it, did not find {', '.join(missing[:3])}")
+
+    def cases(scan: str) -> ScanCases:
+        """Return the cases of one scan."""
+        own = [entry for entry in entries if entry.scan in (None, scan)]
+        queries = {entry.image: entry for entry in own}
+        if len(queries) < len(own):
+            raise SourceError(f"{truth_file}: expected each image once for {scan}, found some twice")
+        return ScanCases(
             name=name if len(scans) == 1 else f"{name}/{scan}",
             group=name,
-            query_names=tuple(image for image, entry in queries.items() if entry.get("scan", scan) == scan),
-            load=lambda scan=scan: _load(folder, scan, truth.get("color_kind", "rgb"), queries),  # type: ignore[misc]
+            query_names=tuple(image for image, entry in queries.items() if set(tags) <= set(entry.tags)),
+            load=lambda: _load(folder, scan, kind, queries),
             place=name,
         )
-        for scan in scans
-    ]
+
+    return [cases(scan) for scan in scans]
 
 
-def _load(folder: Path, scan: str, color_kind: Any, queries: dict[str, dict[str, Any]]) -> LoadedScan:
+def _entry(entry: Any, where: str) -> _Entry:
+    rotation, position = np.asarray(entry["rotation"], np.float64), np.asarray(entry["position_m"], np.float64)
+    if rotation.shape != (3, 3) or position.shape != (3,):
+        raise SourceError(f"{where}: expected a rotation of 3 x 3 numbers and a position_m of three")
+    pose = known_pose(rotation, position, where)
+    return _Entry(str(entry["image"]), entry.get("scan"), pose, tuple(entry.get("tags", ())))
+
+
+def _load(folder: Path, scan: str, color_kind: Any, queries: dict[str, _Entry]) -> LoadedScan:
     def query(image: str) -> KnownQuery:
         """Read the panorama of that file name with its pose."""
         entry = queries[image]
-        return KnownQuery(
-            Rig.of_panorama(read_panorama((folder / image).read_bytes())),
-            (Pose(np.asarray(entry["rotation"], np.float64), np.asarray(entry["position_m"], np.float64)),),
-            tags=tuple(entry.get("tags", ())),
-        )
+        return KnownQuery(Rig.of_panorama(read_panorama((folder / image).read_bytes())), (entry.pose,), tags=entry.tags)
 
     cloud = read_scan(folder / scan, ScanOptions(color_kind=color_kind))
     return LoadedScan(cloud, IndexOptions(color_kind=color_kind), query)

@@ -78,6 +78,47 @@ def test_a_folder_without_truth_and_a_broken_truth_are_refused(tmp_path: Path) -
         folder_scans(tmp_path)
 
 
+ENTRY = {"image": "q.jpg", "position_m": [0, 0, 1], "rotation": np.eye(3).tolist()}
+
+
+@pytest.mark.parametrize(
+    ("queries", "said"),
+    [
+        ([ENTRY | {"scan": "b.ply"}], r"queries\[0\]\.scan: expected one of a.ply, got 'b.ply'"),
+        ([ENTRY, ENTRY], "each image once for a.ply"),
+        ([ENTRY, ENTRY | {"image": "z.jpg"}], "did not find z.jpg"),
+        (
+            [ENTRY, ENTRY | {"image": "r.jpg", "rotation": (2 * np.eye(3)).tolist()}],
+            r"queries\[1\]: expected an orthonormal",
+        ),
+        ([ENTRY | {"rotation": np.diag([1, -1, 1]).tolist()}], "right-handed"),
+        ([ENTRY | {"rotation": [0, 0, 0, 1]}], "3 x 3 numbers"),
+        ([ENTRY | {"position_m": {"x": 1}}], "position_m and rotation"),
+        ([{"image": "q.jpg"}], "position_m and rotation"),
+        (["q.jpg"], "position_m and rotation"),
+    ],
+)
+def test_a_query_that_is_not_as_expected_is_named_and_none_is_dropped(
+    queries: list[object], said: str, tmp_path: Path
+) -> None:
+    for name in ("a.ply", "q.jpg", "r.jpg"):
+        (tmp_path / name).touch()
+    (tmp_path / "truth.json").write_text(json.dumps({"scans": ["a.ply"], "queries": queries}))
+    with pytest.raises(SourceError, match=said):
+        folder_scans(tmp_path)
+
+
+def test_one_image_may_be_known_in_several_scans(tmp_path: Path) -> None:
+    for name in ("a.ply", "b.ply", "q.jpg"):
+        (tmp_path / name).touch()
+    queries = [ENTRY | {"scan": scan, "tags": [scan]} for scan in ("a.ply", "b.ply")]
+    (tmp_path / "truth.json").write_text(json.dumps({"scans": ["a.ply", "b.ply"], "queries": queries}))
+    assert [scan.query_names for scan in folder_scans(tmp_path)] == [("q.jpg",), ("q.jpg",)]
+    assert [scan.query_names for scan in folder_scans(tmp_path, tags=("b.ply",))] == [(), ("q.jpg",)]
+    with pytest.raises(SourceError, match="queries with the tags day, night, found none"):
+        folder_scans(tmp_path, tags=("day", "night"))
+
+
 def test_a_query_tells_its_own_room_from_the_others() -> None:
     own, twin, alike = (Pose(np.eye(3), np.array([x, 0.0, 1.5])) for x in (0.0, 5.0, 10.0))
     nothing = Rig.of_panorama(Panorama(np.zeros((2, 4, 3), np.uint8), np.ones((2, 4), bool)))
