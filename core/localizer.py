@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import torch
 
-from panoloc.core.camera.rig import Rig
-from panoloc.core.config import LocalizerConfig
+from panoloc.core.camera.rig import Photo, Rig
+from panoloc.core.config import DISTANCES, LocalizerConfig
 from panoloc.core.decide.agreement import agreement_by_photo
 from panoloc.core.decide.change_maps import change_maps
 from panoloc.core.decide.confidence import alias_margins, features_of, formal_radii, load_confidence_model
 from panoloc.core.decide.hypotheses import Accuracy, Hypothesis, MethodResult
-from panoloc.core.decide.verdict import Doubts, accuracy_too_low, verdict, with_advice
+from panoloc.core.decide.verdict import Doubts, accuracy_too_low, is_elsewhere, verdict, with_advice
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import MAX_TOP_K, Hints, Method
+from panoloc.core.options import MAX_TOP_K, Hints, Method, PosePrior
 from panoloc.core.paper.paper_method import PaperMethod
 from panoloc.core.query.engine import Engine
 from panoloc.core.query.focal_lengths import FoundCameras
@@ -75,7 +75,7 @@ class Localizer:
                 result = self._paper.run(cameras.rig, maps, hints, clock)
             with torch.inference_mode():
                 answer = self._answer(result, maps, method, top_k, clock, prior)
-                answer = self._for_rig(answer, cameras.rig, result.comparison)
+                answer = self._for_rig(answer, cameras.rig, maps, result.comparison, clock)
             answer = self._doubts.unless_plain(answer, result.edges_deg)
             answer = self._with_cameras(self._doubts.unless_at_bound(answer, cameras.bound_deg), cameras, result.noise)
             is_searched = result.num_starts or not result.hypotheses
@@ -137,7 +137,14 @@ class Localizer:
             found = found.warned(accuracy_too_low(cameras.rig))
         return found
 
-    def _for_rig(self, found: Localization, rig: Rig, comparison: Comparison | None) -> Localization:
+    def _for_rig(
+        self,
+        found: Localization,
+        rig: Rig,
+        maps: Sequence[MapIndex],
+        comparison: Comparison | None,
+        clock: StageClock,
+    ) -> Localization:
         """Return the answer with poses of the first image, and those of all images at the best pose."""
         if found.best is None or comparison is None:
             return found
@@ -148,9 +155,25 @@ class Localizer:
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(rig.images, agreements, strict=True)
         ]
-        found = self._doubts.unless_contradicted(found, agreements)
+        index, expected = maps[found.best.map_position], images[0].pose
+        found = self._doubts.unless_contradicted(
+            found, agreements, lambda: self._is_elsewhere(rig.photos[0], index, expected, clock)
+        )
         found = found.with_each(lambda one: replace(one, pose=one.pose.after(rig_from_session).after(first)))
         return replace(found, map_from_session=map_from_session, images=tuple(images))
+
+    def _is_elsewhere(self, photo: Photo, index: MapIndex, expected: Pose, clock: StageClock) -> bool:
+        """Return whether a photo by itself is surely elsewhere than expected, so near that refinement finds it from around there."""
+        x, y, z = expected.position.tolist()
+        a, b, c, w = expected.quaternion_xyzw.tolist()
+        reach = DISTANCES.place
+        prior = PosePrior((x, y, z), (a, b, c, w), "ros", reach.distance_m, reach.angle_deg, is_only=True)
+        result, _ = self._engine.run(Rig.of_photo(photo), [index], Hints(prior=prior), clock)
+        if not result.hypotheses:
+            return False
+        judged = verdict(result.hypotheses, self._confidence, result.noise)
+        found = _candidate(judged.places[0], judged.confidences[0], [index])
+        return is_elsewhere(judged, found.pose, expected)
 
 
 def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:

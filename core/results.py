@@ -66,8 +66,8 @@ class Evidence:
 class FoundImage:
     """One image of a session at the best pose.
 
-    pose: in the map's own frame. agreement: correlation of what it shows with the scan seen from there, −1..1; None where nothing of
-    the scan is in view.
+    pose: in the map's own frame. agreement: correlation of what it shows with the scan seen from there, −1..1; None where it is not
+    compared, because nothing of the scan is in view, or others show the same nearer to their middle.
     """
 
     pose: Pose

@@ -146,9 +146,15 @@ class PhotoAgreement:
     explained: float
     contrast: float
 
+    @property
+    def share_explained(self) -> float:
+        """Return how much the scan explains of the contrast above noise; all of it where there is none."""
+        contrast = self.contrast - math.sqrt(CONTRAST.noise)
+        return self.explained / contrast if contrast > 0 else math.inf
+
     def contradicts(self, config: JudgeConfig) -> bool:
         """Tell whether the photo cannot be of where it is said to be: it shows much, of which the scan explains next to nothing."""
-        return self.explained < config.least_explained * (self.contrast - math.sqrt(CONTRAST.noise))
+        return self.share_explained < config.least_explained
 
 
 def agreement_by_photo(comparison: Comparison, count: int, config: DescriptorConfig) -> list[PhotoAgreement | None]:

@@ -3,7 +3,7 @@
 One model decides: a pose is localized where it is probably right; ambiguous where it would be if its aliases were not there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from panoloc.core.camera.rig import Rig
@@ -11,6 +11,7 @@ from panoloc.core.config import DISTANCES, JudgeConfig
 from panoloc.core.decide.agreement import PhotoAgreement
 from panoloc.core.decide.confidence import ConfidenceModel
 from panoloc.core.decide.hypotheses import NO_NOISE, Accuracy, Hypothesis, distinct
+from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.options import Hints, Status
 from panoloc.core.remarks import Remark
 from panoloc.core.results import Localization
@@ -43,6 +44,11 @@ _NOTHING_WITHIN_BOUNDS = Remark(
     "check_camera",
     "no pose fits the photo well enough with any field of view within its bounds; if it shows this place, much of what it shows has "
     "changed, or its field of view lies beyond them: give it (hfov_deg, --hfov 69), or other bounds",
+)
+_FOCAL_LENGTH_MAY_BE_WRONG = Remark(
+    "accuracy_too_low",
+    "the photo fits another focal length better than the one given, and shows too little to tell where it was taken; check whether it was "
+    "cropped, zoomed or turned, or send one that shows more of the place",
 )
 _FOCAL_LENGTH_IS_UNKNOWN = Remark(
     "accuracy_too_low",
@@ -116,10 +122,17 @@ class Doubts:
     def __init__(self, config: JudgeConfig, threshold: float) -> None:
         self._config, self._threshold = config, threshold
 
-    def unless_contradicted(self, found: Localization, agreements: Sequence[PhotoAgreement | None]) -> Localization:
+    def unless_contradicted(
+        self,
+        found: Localization,
+        agreements: Sequence[PhotoAgreement | None],
+        is_first_elsewhere: Callable[[], bool],
+    ) -> Localization:
         """Return the answer, not localized where images contradict the pose that fits the others: more than a few, or the first.
 
-        Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
+        Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong. is_first_elsewhere: tells whether
+        the first image is by itself elsewhere than the others put it; asked where it fits worst, or was not compared. The pose of the
+        answer is that of this image.
         """
         judge = self._config
         known = [k for k, each in enumerate(agreements) if each is not None]
@@ -127,6 +140,8 @@ class Doubts:
         count, is_lost = len(agreements), found.status == "not_localized"
         if found.best is None or count == 1 or (is_lost and doubtful == known):
             return found  # of another place, all of them: nothing that some of them contradict
+        if not is_lost and 0 not in doubtful and _fits_worst(agreements[0], agreements[1:]) and is_first_elsewhere():
+            doubtful = [0, *doubtful]
         share = len(doubtful) / count
         is_refused = not is_lost and (share > judge.contradicting_share or 0 in doubtful)
         # A pose that is metres from the others spoils the fit of all: which of them agree then says little.
@@ -167,6 +182,22 @@ class Doubts:
         return replace(found, status="not_localized")
 
 
+def _fits_worst(first: PhotoAgreement | None, others: Sequence[PhotoAgreement | None]) -> bool:
+    """Return whether the scan explains no more of an image than of any other, or whether it was not compared."""
+    return first is None or all(first.share_explained <= each.share_explained for each in others if each is not None)
+
+
+def is_elsewhere(judged: Verdict, found: Pose, expected: Pose) -> bool:
+    """Return whether an image is surely farther from where it is expected than right poses are, and than twice its radius, which is no
+    chance. judged, found: of that image alone."""
+    error, right, radii = pose_error(found, expected), DISTANCES.right, judged.accuracy
+    most = (
+        max(right.distance_m, 2 * (radii.position_m or 0.0)),
+        max(right.angle_deg, 2 * (radii.orientation_deg or 0.0)),
+    )
+    return judged.status == "localized" and not error.within(*most)
+
+
 def _contradiction(doubtful: Sequence[int], count: int, are_outside: bool) -> Remark:
     """Say of which images, counted from 0, the poses or cameras must be wrong. are_outside: they show nothing of the scan."""
     numbers, is_one = [str(k + 1) for k in doubtful], len(doubtful) == 1
@@ -197,7 +228,11 @@ def with_advice(found: Localization, rig: Rig, hints: Hints | None) -> Localizat
 
 def accuracy_too_low(rig: Rig) -> Remark:
     """Say what is not known well enough of a rig to say where its first image was taken."""
-    return _FOCAL_LENGTH_IS_UNKNOWN if len(rig.images) == 1 else _NOISE_IS_TOO_LARGE
+    if len(rig.images) > 1:
+        return _NOISE_IS_TOO_LARGE
+    photo = rig.photos[0]
+    is_known = not photo.focal_uncertainty and photo.hfov_range_deg is None
+    return _FOCAL_LENGTH_MAY_BE_WRONG if is_known else _FOCAL_LENGTH_IS_UNKNOWN
 
 
 def why_there_is_no_pose(num_poses: int, hints: Hints | None) -> tuple[Remark, ...]:

@@ -76,6 +76,13 @@ def test_another_encoding_is_refused_with_what_is_expected(message: Any) -> None
         check_image(message)
 
 
+def test_who_sends_depth_is_told_so() -> None:
+    with pytest.raises(UnusableError, match="looks like depth"):
+        check_image(SimpleNamespace(encoding="16UC1"))
+    with pytest.raises(UnusableError, match="image_proc"):
+        check_image(SimpleNamespace(encoding="bayer_rggb8"))
+
+
 @pytest.mark.parametrize(
     ("model", "distortion", "taken_for"),
     [

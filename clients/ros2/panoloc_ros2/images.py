@@ -26,10 +26,13 @@ def check_image(image: Any) -> None:
         if not bytes(image.data[:4]).startswith(_HEADS):
             raise UnusableError(f"expected jpeg or png images, got others, of the format {image.format!r}")
     elif image.encoding not in CHANNELS:
-        raise UnusableError(
-            f"expected images in {', '.join(CHANNELS)}, got {image.encoding!r}: let image_proc convert them, or subscribe to "
-            "the compressed topic"
+        is_depth = image.encoding in ("16UC1", "32FC1", "mono16")
+        how = (
+            "subscribe to the colour image, this looks like depth"
+            if is_depth
+            else "let image_proc convert them, or subscribe to the compressed topic"
         )
+        raise UnusableError(f"expected images in {', '.join(CHANNELS)}, got {image.encoding!r}: {how}")
     elif not _num_bytes(image.encoding) * image.width <= image.step <= len(image.data) / max(image.height, 1):
         raise UnusableError(
             f"expected {image.height} rows of {image.step} bytes for {image.width} pixels in {image.encoding}, got {len(image.data)} bytes"

@@ -76,5 +76,11 @@ def test_what_of_an_image_was_left_out_is_said_of_every_answer() -> None:
 
 def test_the_tracking_is_blamed_only_where_there_is_any() -> None:
     assert "position_noise_m" not in accuracy_too_low(ONE)
-    assert "fx_px" in accuracy_too_low(ONE)  # a field of view that was given is believed by halves
     assert "position_noise_m" in accuracy_too_low(SEVERAL)
+
+
+def test_intrinsics_are_asked_of_those_who_gave_none() -> None:
+    assert "fx_px" not in accuracy_too_low(ONE)
+    stated = Rig.of_photo(replace(PHOTO, focal_uncertainty=0.006))
+    assert "fx_px" in accuracy_too_low(stated)
+    assert accuracy_too_low(stated) == accuracy_too_low(SEARCHED)

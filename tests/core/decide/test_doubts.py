@@ -57,14 +57,44 @@ def photos(agreements: list[float | None]) -> list[PhotoAgreement | None]:
 def test_more_than_a_few_images_that_disagree_or_the_first_make_a_session_unsure(
     agreements: list[float | None], before: Status, after: Status, warning: str
 ) -> None:
-    answer = DOUBTS.unless_contradicted(found(before), photos(agreements))
+    answer = DOUBTS.unless_contradicted(found(before), photos(agreements), lambda: False)
     assert answer.status == after
     assert (known(answer.best).confidence < 0.5) == (before == "localized" and after == "not_localized")
     assert [words.startswith(warning) for words in answer.warnings] == ([True] if warning else [])
 
 
+@pytest.mark.parametrize(
+    ("explained", "is_asked"),
+    [
+        ([0.2, 0.3, 0.3], True),
+        ([0.3, 0.3, 0.3], True),
+        ([0.3, 0.2, 0.3], False),  # another fits worse
+        ([None, 0.3, 0.3], True),  # not compared
+        ([0.3, None, None], True),  # nothing else was
+        ([0.01, 0.3, 0.3], False),  # contradicts at once
+    ],
+)
+def test_a_first_image_that_fits_worst_is_asked_where_it_is_by_itself(
+    explained: list[float | None], is_asked: bool
+) -> None:
+    agreements = [None if each is None else PhotoAgreement(0.7, each, 0.3) for each in explained]
+    asked = []
+
+    def elsewhere(answer: bool) -> bool:
+        asked.append(answer)
+        return answer
+
+    kept = DOUBTS.unless_contradicted(found(), agreements, lambda: elsewhere(False))
+    refused = DOUBTS.unless_contradicted(found(), agreements, lambda: elsewhere(True))
+    assert asked == [False, True] * is_asked
+    contradicts = explained[0] is not None and explained[0] < 0.05
+    assert kept.status == ("not_localized" if contradicts else "localized")
+    assert refused.status == ("not_localized" if contradicts or is_asked else "localized")
+    assert [remark.reason for remark in refused.warnings] == ["images_contradict"] * (contradicts or is_asked)
+
+
 def test_the_more_images_contradict_the_less_sure_is_what_is_left() -> None:
-    answer = DOUBTS.unless_contradicted(found(), photos([0.9, 0.1, 0.1, 0.1]))
+    answer = DOUBTS.unless_contradicted(found(), photos([0.9, 0.1, 0.1, 0.1]), lambda: False)
     assert known(answer.best).confidence == pytest.approx(0.95 / 4)
 
 

@@ -3,12 +3,16 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from panoloc.core.decide.confidence import FEATURES, ConfidenceModel, RadiusModel
 from panoloc.core.decide.hypotheses import NO_NOISE, Accuracy, Hypothesis
-from panoloc.core.decide.verdict import Verdict, verdict
+from panoloc.core.decide.verdict import Verdict, is_elsewhere, verdict
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Status
+from tests.core.painted_box import rotation_of
 
 # What agrees by 0.9 is sure to 4 alone, in logits, and to 0.847 at the threshold; what a rival takes of it depends on how near it comes; an
 # alias takes a share.
@@ -140,3 +144,22 @@ def test_no_alias_is_surer_than_the_answer_and_no_other_place_surer_than_an_alia
     best, behind, ahead, other = found.confidences
     assert found.status == "ambiguous"
     assert best == ahead > behind == other
+
+
+@pytest.mark.parametrize(
+    ("status", "off_m", "off_deg", "radius_m", "answer"),
+    [
+        ("localized", 0.29, 0.0, 0.05, False),
+        ("localized", 0.31, 0.0, 0.05, True),
+        ("localized", 0.0, 9.0, 0.05, False),
+        ("localized", 0.0, 11.0, 0.05, True),
+        ("localized", 0.45, 0.0, 0.25, False),  # by chance
+        ("not_localized", 2.0, 0.0, 0.05, False),  # nobody knows
+    ],
+)
+def test_an_image_is_elsewhere_that_is_surely_farther_off_than_right_poses_are(
+    status: Status, off_m: float, off_deg: float, radius_m: float, answer: bool
+) -> None:
+    alone = Verdict([judged(0.0, 1.8)], [0.9], status, Accuracy(radius_m, 1.0))
+    expected = Pose(np.eye(3), np.zeros(3))
+    assert is_elsewhere(alone, Pose(rotation_of(off_deg), np.array([0.0, off_m, 0.0])), expected) == answer
