@@ -11,7 +11,7 @@ from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
-from panoloc.core.options import DEFAULT_RADIUS_M, DEFAULT_TOLERANCE_DEG, Hints
+from panoloc.core.options import DEFAULT_RADIUS_M, DEFAULT_TOLERANCE_DEG, QUATERNION_TOLERANCE, Hints
 
 NOTICEABLE_TILT = math.radians(0.5)  # less is within what refinement is off by
 _INSIDE = 1e-4  # radians; what is turned back to a limit must lie within it whatever is rounded
@@ -167,6 +167,14 @@ def _check(hints: Hints) -> None:
     numbers = [*(hints.position_m or ()), *(value for corner in corners for value in corner)]
     if not all(math.isfinite(value) for value in (*numbers, hints.heading_deg or 0.0)):
         raise OptionsError(f"hints: expected finite numbers, got {hints}")
+    prior = hints.prior
+    if prior is not None:
+        known = prior.position_std_m, prior.orientation_std_deg, *prior.position_m
+        is_unit = abs(math.hypot(*prior.quaternion_xyzw) - 1) <= QUATERNION_TOLERANCE
+        if not (is_unit and all(map(math.isfinite, known)) and min(known[:2]) > 0):
+            raise OptionsError(
+                f"hints.prior: expected finite numbers, a unit quaternion and positive standard deviations, got {prior}"
+            )
     if hints.radius_m is not None and hints.position_m is None:
         raise OptionsError(
             "hints.radius_m: expected together with hints.position_m; give the position or leave out the radius"

@@ -96,6 +96,11 @@ def test_a_position_is_taken_within_five_metres_and_a_heading_within_45_degrees(
         (Hints(heading_deg=1.0, heading_tolerance_deg=0.0), r"heading_tolerance_deg: expected more than 0"),
         (Hints(heading_tolerance_deg=180.1), r"heading_tolerance_deg: expected more than 0"),
         (Hints(region=((0, 0, 0), (1, 0, 1))), r"hints\.region: expected min below max"),
+        (Hints(prior=PosePrior((0, 0, 0), (0, 0, 0, 0))), r"hints\.prior: expected .* a unit quaternion"),
+        (Hints(prior=PosePrior((0, 0, 0), (0, 0, 0, 2))), r"hints\.prior: expected"),
+        (Hints(prior=PosePrior((0, math.nan, 0), (0, 0, 0, 1))), r"hints\.prior: expected"),
+        (Hints(prior=PosePrior((0, 0, 0), (0, 0, 0, 1), "ros", 0.0)), r"hints\.prior: expected"),
+        (Hints(prior=PosePrior((0, 0, 0), (0, 0, 0, 1), "ros", 0.3, -1.0)), r"hints\.prior: expected"),
     ],
 )
 def test_hints_that_make_no_sense_are_refused(hints: Hints, said: str) -> None:
