@@ -82,12 +82,11 @@ def poses_of_prior(query: MapQuery, prior: PosePrior) -> list[Hypothesis]:
         moves += [(reach_m, 0.0, 0.0), (-reach_m, 0.0, 0.0), (0.0, reach_m, 0.0), (0.0, -reach_m, 0.0)]
     if turn_deg > DISTANCES.right.angle_deg:
         moves += [(0.0, 0.0, math.radians(turn_deg)), (0.0, 0.0, -math.radians(turn_deg))]
-    poses = []
-    for x, y, yaw in moves:
-        place = middle + middle.new_tensor([x, y, 0.0])
-        start = int((index.starts - place).norm(dim=1).argmin())
-        turn = rotation_from_vector(middle.new_tensor([0.0, 0.0, yaw]))
-        poses.append(Hypothesis(query.number, start, turn @ rotation, place))
+    steps = torch.tensor(moves, device=middle.device)
+    places = middle + torch.nn.functional.pad(steps[:, :2], (0, 1))
+    turned = rotation_from_vector(torch.nn.functional.pad(steps[:, 2:], (2, 0))) @ rotation
+    starts = (index.starts - places[:, None]).norm(dim=-1).argmin(1).tolist()
+    poses = [Hypothesis(query.number, *each) for each in zip(starts, turned, places, strict=True)]
     return [pose for pose in poses if query.allows(pose)]
 
 
