@@ -180,6 +180,7 @@ def patch_scores_of(
 
     As those of `patch_scores`, without the similarity of patches that none of them puts on each other.
     """
+    assert len(patches.grid) == views.steps.shape[1], "patches of images and views of two sizes"
     own = patches.values  # (Q, D)
     weighted = own * patches.weights[:, None]
     # Σ w (q · v)² over patches of the images and of the view.

@@ -86,6 +86,9 @@ def test_a_first_image_that_fits_worst_is_asked_where_it_is_by_itself(
 
     kept = DOUBTS.unless_contradicted(found(), agreements, lambda: elsewhere(False))
     refused = DOUBTS.unless_contradicted(found(), agreements, lambda: elsewhere(True))
+    DOUBTS.unless_contradicted(
+        found("not_localized"), agreements, lambda: elsewhere(True)
+    )  # what is lost needs no other doubt
     assert asked == [False, True] * is_asked
     contradicts = explained[0] is not None and explained[0] < 0.05
     assert kept.status == ("not_localized" if contradicts else "localized")

@@ -65,6 +65,8 @@ def test_of_a_panorama_few_rotations_leave_the_right_one_and_its_pose_comes_firs
     most = CONFIG.search.likely_rotations_of(is_wide=True)
     assert most < CONFIG.search.likely_rotations_of(is_wide=False) / 4
     assert nearest_deg(evidence_of(panorama).likely_rotations(level.limits[0], most), ROTATION) < 4.0
+    at = Hypothesis(0, 0, ROTATION, PLACE)
+    assert "lines" not in panorama.judge([at])[0].measures
     (found,), _, num_poses = search_maps([panorama.search], level.limits, level.by_lines, CONFIG.search)
     assert 0 < num_poses <= map_of(BOX).num_starts * most
     assert float((found.positions[0] - PLACE).norm()) < 0.3
