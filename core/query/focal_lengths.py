@@ -147,9 +147,11 @@ def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis], c
         return FoundCameras(rig)
     if abs(log_focal) < config.step / 2:  # as given, as far as one image tells
         return FoundCameras(rig, True)
-    of = "an image" if len(given.images) == 1 else "images of which the first is"
+    is_one = len(given.images) == 1
+    of = "an image" if is_one else "images of which the first is"
     widths = f"{found_deg:.1f} degrees wide, not {given.photos[0].camera.hfov_deg:.1f} as given"
-    words = f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}"
+    tracked = "" if is_one else "; check that positions of session_from_camera are in metres"
+    words = f"the pose is for {of} {widths}, which fits better; {_WHAT_TO_DO}{tracked}"
     return FoundCameras(rig, True, (Remark("hfov_contradicted", words),))
 
 

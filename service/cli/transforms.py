@@ -1,6 +1,6 @@
 """Reads frames with poses from a `transforms.json`, the format of nerfstudio, instant-ngp and many capture apps.
 
-`transform_matrix` is camera-to-world in metres, camera axes of OpenGL (x right, y up, z backward), world z up.
+`transform_matrix` is camera-to-world in metres times `applied_scale`, camera axes of OpenGL (x right, y up, z backward), world z up.
 """
 
 import json
@@ -63,7 +63,7 @@ def spread_evenly(images: Sequence[TrackedImage], most: int) -> list[TrackedImag
 
 def _tracked(given: Mapping[str, Any], file: Path, number: int, frame: Frame) -> TrackedImage:
     try:
-        pose = _pose(given.get("transform_matrix"), frame)
+        pose = _pose(given.get("transform_matrix"), _applied_scale(given), frame)
         return TrackedImage(_image_file(given, file), {**_camera(given), "session_from_camera": pose})
     except TransformsError as error:
         raise TransformsError(f"frames[{number}] of {file}: {error}") from error
@@ -138,8 +138,16 @@ def _number(given: Mapping[str, Any], name: str, default: float | None = None) -
     return float(value)
 
 
-def _pose(given: Any, frame: Frame) -> JsonObject:
-    """Return position (metres) and quaternion in the axes of `frame`, as the HTTP API takes them."""
+def _applied_scale(given: Mapping[str, Any]) -> float:
+    """Return by how much the tool that wrote the file has scaled the positions."""
+    scale = given.get("applied_scale", 1.0)
+    if isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < math.inf:
+        raise TransformsError(f"applied_scale: expected a positive number, got {str(scale)[:40]}")
+    return float(scale)
+
+
+def _pose(given: Any, scale: float, frame: Frame) -> JsonObject:
+    """Return position (metres) and quaternion in the axes of `frame`, as the HTTP API takes them. scale: of the positions given."""
     # Commands load numpy only when they need it.
     import numpy as np
 
@@ -151,7 +159,7 @@ def _pose(given: Any, frame: Frame) -> JsonObject:
         matrix = np.zeros(0)
     if matrix.shape not in ((4, 4), (3, 4)):
         raise TransformsError(f"transform_matrix: expected 4 x 4 numbers, row by row, got {str(given)[:60]}")
-    rotation, position = matrix[:3, :3], matrix[:3, 3]
+    rotation, position = matrix[:3, :3], matrix[:3, 3] / scale
     if not np.isfinite(matrix).all():
         raise TransformsError("transform_matrix: expected finite numbers, got NaN or infinity; was the frame tracked?")
     off = np.abs(rotation.T @ rotation - np.eye(3)).max()

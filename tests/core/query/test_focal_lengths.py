@@ -194,6 +194,9 @@ def test_the_cameras_of_an_answer_are_those_of_its_best_pose() -> None:
     assert other.are_others
     assert other.rig.photos[0].camera.fx_px == pytest.approx(TAKEN.fx_px)
     assert "84.0 degrees wide, not 100.0 as given" in other.warnings[0]
+    assert "session_from_camera" not in other.warnings[0]
+    two = replace(stated, images=2 * stated.images)  # what seems another lens may be another unit of the poses
+    assert "session_from_camera" in found_cameras(two, two, [hypothesis(log)], FOCAL).warnings[0]
     nearly = found_cameras(stated, stated, [hypothesis(0.07)], FOCAL)
     assert (nearly.are_others, nearly.warnings) == (True, ())
 

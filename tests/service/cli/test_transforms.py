@@ -60,6 +60,18 @@ def test_a_known_pose_is_sent_in_the_axes_of_each_frame(tmp_path: Path, frame: F
     assert abs(quaternion @ expected.quaternion_xyzw) == pytest.approx(1, abs=1e-8)
 
 
+def test_positions_that_a_tool_has_scaled_are_sent_in_metres(tmp_path: Path) -> None:
+    rows = [[*row[:3], 0.25 * row[3]] for row in GL_ROWS[:3]]
+    sent = camera_of(tmp_path, {**one_frame(transform_matrix=rows), "applied_scale": 0.25})["session_from_camera"]
+    assert list(sent["position_m"].values()) == pytest.approx(KNOWN.position.tolist())
+
+
+@pytest.mark.parametrize("scale", [0, -1.0, "2", None, True, float("inf")])
+def test_a_scale_that_is_none_is_named(scale: Any, tmp_path: Path) -> None:
+    with pytest.raises(TransformsError, match="applied_scale: expected a positive number"):
+        camera_of(tmp_path, {**one_frame(), "applied_scale": scale})
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_any_orientation_is_sent_right_half_turns_included(tmp_path: Path, seed: int) -> None:
     half_turns = [(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)]
