@@ -31,11 +31,8 @@ def rounds_of(queries: Sequence[MapQuery], config: SearchConfig) -> Iterator[Rou
     Where a rig covers little of the sphere, first the poses that cameras held level leave, and of these the ones that lines agree with,
     where there are any to ask. What covers much of it is mostly found among all poses at once, and lines are asked where it is not.
     """
-    limits, tilt, is_wide = (
-        [query.limits for query in queries],
-        math.radians(config.level_tilt_deg),
-        queries[0].rig.is_wide,
-    )
+    limits, is_wide = [query.limits for query in queries], queries[0].rig.is_wide
+    tilt = math.radians(config.level_tilt_deg)
     if is_wide:
         yield Round(limits, by_lines=False)
     leaves_tilts = any(limit.leaves_tilts_beyond(tilt) for limit in limits)

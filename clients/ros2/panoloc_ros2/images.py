@@ -26,7 +26,7 @@ def check_image(image: Any) -> None:
         if not bytes(image.data[:4]).startswith(_HEADS):
             raise UnusableError(f"expected jpeg or png images, got others, of the format {image.format!r}")
     elif image.encoding not in CHANNELS:
-        is_depth = image.encoding in ("16UC1", "32FC1", "mono16")
+        is_depth = image.encoding in ("16UC1", "32FC1")
         how = (
             "subscribe to the colour image, this looks like depth"
             if is_depth

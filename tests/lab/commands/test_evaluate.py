@@ -36,7 +36,8 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cases")
     box = PaintedBox(seed=3, size_m=(3.2, 3.0, 2.4))
     pose = Pose(rotation_of(20.0, 3.0), np.array([1.4, 1.8, 1.3]))
-    write_case_folder(folder / "box", "box", box.scan(6_000), [PosedPanorama("q", box.panorama(pose, 128), pose)])
+    posed = PosedPanorama("q", box.panorama(pose, 128), pose, tags=("day",))
+    write_case_folder(folder / "box", "box", box.scan(6_000), [posed])
     return folder
 
 
@@ -126,10 +127,12 @@ def test_options_reach_the_cases_and_the_run(
     asked: list[tuple[object, ...]] = []
     monkeypatch.setattr(evaluation_run, "run_evaluation", lambda *given: asked.append(given[:-1]))
     sources = ["--suite", "rooms", "--seeds", "1,3", "--family", "nordic", "--width", 256, "--points", 5000]
-    sources += ["--cases", cases, "--tag", "t", "--limit", 1]
+    sources += ["--cases", cases, "--tag", "day", "--limit", 1]
     methods = ["--method", "fast", "--device", "cpu", "--timeout-s", 3, "--cross", 4, "--change-maps"]
     done = panoloc("evaluate", *sources, *methods, "--out", tmp_path, "--within", "0.05,5")
     assert done.code == ExitCode.OK, done.err
     ((scans, *rest),) = asked
-    assert [scan.name for scan in scans] == ["rooms-1-nordic-256px-5000pts"]  # type: ignore[attr-defined]
+    assert [scan.name for scan in scans] == ["rooms-1-nordic-256px-5000pts", "box"]  # type: ignore[attr-defined]
+    unknown = panoloc("evaluate", "--cases", cases, "--tag", "night")
+    assert (unknown.code, "tags night, found none" in unknown.err) == (ExitCode.ERROR, True)
     assert rest == [["fast"], RunOptions("cpu", 4, True, 3.0), ["0.05,5"], tmp_path]
