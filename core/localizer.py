@@ -157,17 +157,19 @@ class Localizer:
         ]
         index, expected = maps[found.best.map_position], images[0].pose
         found = self._doubts.unless_contradicted(
-            found, agreements, lambda: self._is_elsewhere(rig.photos[0], index, expected, clock)
+            found, agreements, lambda: self._is_alone_elsewhere(rig.photos[0], index, expected, clock)
         )
         found = found.with_each(lambda one: replace(one, pose=one.pose.after(rig_from_session).after(first)))
         return replace(found, map_from_session=map_from_session, images=tuple(images))
 
-    def _is_elsewhere(self, photo: Photo, index: MapIndex, expected: Pose, clock: StageClock) -> bool:
-        """Return whether a photo by itself is surely elsewhere than expected, so near that refinement finds it from around there."""
+    def _is_alone_elsewhere(self, photo: Photo, index: MapIndex, expected: Pose, clock: StageClock) -> bool:
+        """Return whether a photo by itself is surely elsewhere than expected: refined from there, and from around it."""
         x, y, z = expected.position.tolist()
         a, b, c, w = expected.quaternion_xyzw.tolist()
-        reach = DISTANCES.place
-        prior = PosePrior((x, y, z), (a, b, c, w), "ros", reach.distance_m, reach.angle_deg, is_only=True)
+        around = DISTANCES.place
+        prior = PosePrior((x, y, z), (a, b, c, w), "ros", around.distance_m, around.angle_deg, is_only=True)
+        if photo.hfov_range_deg is not None:  # it has been found by all images
+            photo = replace(photo, hfov_range_deg=None, focal_uncertainty=self.config.focal.noise)
         result, _ = self._engine.run(Rig.of_photo(photo), [index], Hints(prior=prior), clock)
         if not result.hypotheses:
             return False

@@ -5,6 +5,8 @@ prepare, for each focal length that the rig may have → refine and judge where 
   propose, for each focal length → refine coarse, judge
   → of the focal length that fits best: refine medium, judge → refine fine, judge → stop when sure
 → the same for aliases of the best pose, and for other focal lengths.
+
+For a session that is localized, `localizer.py` may then run the first image by itself, where the others put it.
 """
 
 from collections.abc import Sequence

@@ -9,7 +9,7 @@ from torch import Tensor
 from panoloc.core.config import DISTANCES
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
+from panoloc.core.geometry.rotations import rotation_from_vector
 from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import DEFAULT_RADIUS_M, DEFAULT_TOLERANCE_DEG, QUATERNION_TOLERANCE, Hints
 
@@ -91,10 +91,13 @@ class PoseLimits:
         return rotations
 
     def excess_tilt(self, rotation: Tensor) -> float:
-        """Return by how many radians a rotation (3, 3) tilts more than the limits allow."""
-        if not self.bounds_tilts:
-            return 0.0
-        return float(rotation_angle(self.nearest_rotations(rotation[None])[0], rotation))
+        """Return by how many radians a rotation (3, 3) tilts more than the limits allow; 0 where they allow it."""
+        excess = [0.0]
+        if self.max_rig_tilt is not None:
+            excess.append(float(_tilt(rotation[:, 2])) - self.max_rig_tilt)
+        if self.max_tilt is not None:
+            excess.append(float(_tilt(rotation @ self.first_rotation[:, 2])) - self.max_tilt)
+        return max(excess)
 
     def allows_pose(self, rotation: Tensor, position: Tensor) -> bool:
         """Return whether a pose, (3, 3) map_from_camera and (3,), lies within the limits."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ class SourceError(CoreError):
     """Cases are not where they were expected, or not in the expected form. The message names the file and the form."""
 
 
-def known_pose(rotation: NDArray[np.float64], position: NDArray[np.float64], where: object) -> Pose:
+def known_pose(rotation: NDArray[np.float64], position: NDArray[np.float64], where: Path | str) -> Pose:
     """Return a pose after checking that `rotation` (3, 3) is one and `position` (3,) finite; raises SourceError that names `where`."""
     is_rotation = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
     if not is_rotation or not np.isfinite(position).all():

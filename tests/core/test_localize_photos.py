@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import DEFAULT_TOLERANCE_DEG, MAX_SESSION_TILT_DEG, Hints
+from panoloc.core.query.engine import Engine
 from panoloc.core.results import Localization
 from tests.core.built_maps import (
     BOX,
@@ -208,3 +210,23 @@ def test_a_session_whose_first_image_has_slipped_is_refused_though_much_of_it_ag
     assert found.status == "not_localized"
     assert [remark.reason for remark in found.warnings] == ["images_contradict"]
     assert known(found.images[0].agreement) > 0.5
+
+
+def test_an_image_that_slipped_is_asked_with_the_field_of_view_that_all_images_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    poses = [FOUR[0].after(Pose(np.eye(3), np.array([0.6, 0.0, 0.0]))), *FOUR[1:]]
+    photos = [replace(photo_of(SIDEWAYS, MAP_FROM_SESSION.after(pose)), hfov_range_deg=(55.0, 85.0)) for pose in FOUR]
+    asked: list[Rig] = []
+    run = Engine.run
+
+    def noted(engine: Engine, rig: Rig, *rest: Any) -> Any:
+        asked.append(rig)
+        return run(engine, rig, *rest)
+
+    monkeypatch.setattr(Engine, "run", noted)
+    found = localized(Rig(tuple(RigImage(*each) for each in zip(photos, poses, strict=True))))
+    assert found.status == "not_localized"
+    _, (alone,) = (rig.photos for rig in asked)
+    assert alone.hfov_range_deg is None
+    assert alone.camera.hfov_deg == pytest.approx(SIDEWAYS.hfov_deg, abs=5.0)

@@ -7,8 +7,9 @@ import torch
 
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.map.map_builder import build_map_index
-from panoloc.core.options import IndexOptions
+from panoloc.core.options import Hints, IndexOptions
 from panoloc.core.query.refinement import Refinement
+from panoloc.core.refine.step import PointPlanes
 from tests.core.built_maps import BOX, POSE, panorama, rig_of, tensors_of
 from tests.core.search.found_candidates import CONFIG, query_of
 
@@ -47,3 +48,24 @@ def test_from_beside_a_pose_what_is_so_far_ahead_stays_in_the_middle(monkeypatch
     step_m = 2 * CONFIG.focal.step * depth_m
     expected = torch.tensor([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]) * step_m
     torch.testing.assert_close(torch.stack(moves), expected, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize(("max_tilt_deg", "looks"), [(30.0, 0), (2.0, 1)])
+def test_beyond_a_limit_of_the_tilt_is_looked_only_where_it_holds_the_pose(
+    max_tilt_deg: float, looks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    query = query_of(rig_of(panorama()), Hints(max_tilt_deg=max_tilt_deg))
+    refinement = Refinement([query], CONFIG)
+    rotation, position = tensors_of(POSE)
+    begin = Hypothesis(0, 0, query.limits.nearest_rotations(rotation)[0], position[0])
+    thinned, seen = PointPlanes.thinned, list[int]()
+
+    def noted(points: PointPlanes, stride: int) -> PointPlanes:
+        seen.append(stride)
+        return thinned(points, stride)
+
+    monkeypatch.setattr(PointPlanes, "thinned", noted)
+    found, _ = refinement.fine(query, begin)
+    assert len(seen) == looks
+    assert found.beyond_limits == bool(looks)
+    assert bool(query.limits.allows_rotation(found.rotation))
