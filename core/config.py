@@ -308,9 +308,10 @@ class SearchConfig:
         """Return the share of the sphere below which rigs are looked at more closely."""
         return self.wide_share / 2
 
-    def likely_rotations_of(self, is_wide: bool) -> int:
-        """Return of how many rotations lines choose. Wide rigs, whose poses cost more, show so many edges that an eighth is enough."""
-        return self.likely_rotations // 8 if is_wide else self.likely_rotations
+    def likely_rotations_of(self, share: float) -> int:
+        """Return of how many rotations lines choose, for a rig that covers a `share` of the sphere. The more it covers, the more a pose
+        costs, and the more edges tell rotations apart: an eighth is enough for all of it."""
+        return round(self.likely_rotations * min(1.0, 1 / (8 * max(share, 1e-3))))
 
     def halvings(self, is_wide: bool) -> int:
         """Return how often patches are pooled, two by two a side, that a rig is described by."""

@@ -86,9 +86,10 @@ def rotation_angle(first: Tensor, second: Tensor) -> Tensor:
     return torch.arccos(((trace - 1) / 2).clamp(-1, 1))
 
 
-def even_directions(count: int) -> Tensor:
-    """Return (count, 3) float32 unit vectors on a Fibonacci lattice, the same for every call."""
-    step = torch.arange(count, dtype=torch.float64) + 0.5
+def even_directions(count: int, reach: float = math.pi) -> Tensor:
+    """Return float32 unit vectors on a Fibonacci lattice of `count` over the sphere, the same for every call: those (N, 3) that lie within
+    `reach`, radians, of the third axis."""
+    step = torch.arange(math.ceil(count * (1 - math.cos(min(reach, math.pi))) / 2), dtype=torch.float64) + 0.5
     height = 1 - 2 * step / count
     # Of an angle within a turn single precision suffices, and takes a third of the time.
     azimuth = 2 * math.pi * ((1 + math.sqrt(5)) / 2 * step).frac_().float()

@@ -16,13 +16,20 @@ from torch import Tensor
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import CONTRAST
 from panoloc.core.errors import PanoramaUnusableError
-from panoloc.core.geometry.projection import unproject
-from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.geometry.projection import (
+    pixel_directions,
+    pixel_solid_angles,
+    pixels_towards,
+    unproject,
+    wrap_border,
+)
 from panoloc.core.geometry.sphere_window import SphereWindow, solid_angles_of
 from panoloc.core.image.label_codes import LabelCodes
 from panoloc.core.image.level import BORDER, Level
 from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
 from panoloc.core.kernels.library import num_threads
+
+_SHOWN_ROWS = 64  # of the sphere on which it is kept what a rig shows
 
 
 @dataclass(frozen=True)
@@ -186,41 +193,47 @@ class RigPyramid:
     @cached_property
     def share(self) -> float:
         """Return the share of the sphere, 0..1, that all images together show, overlaps counted once."""
-        everywhere = even_directions(2 * (EXTENT_ROWS // 2) ** 2)  # as many as a sphere of half these rows has pixels
-        return float(self.sees(everywhere.to(self.rotations.device)).float().mean())
+        if self._shows_all:
+            return 1.0
+        weights = pixel_solid_angles(_SHOWN_ROWS, 2 * _SHOWN_ROWS, self.rotations.device) / (4 * math.pi)
+        return float(((self._nearness >= 1).view(_SHOWN_ROWS, -1) * weights).sum())
 
     @cached_property
-    def _sees_all(self) -> bool:
+    def reach(self) -> float:
+        """Return the angle around the optical axis of the first camera, radians, that holds all that the images show, parallax aside."""
+        axes = self.rotations[:, :, 0]
+        return float(((axes @ axes[0]).clamp(-1, 1).acos() + self.cones).max())
+
+    @cached_property
+    def _shows_all(self) -> bool:
         """Return whether some image shows all of the sphere."""
         return any(window.place.is_whole and bool(window.valid.all()) for window in self.windows(EXTENT_ROWS).each)
 
-    def sees(self, directions: Tensor) -> Tensor:
-        """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside."""
-        if self._sees_all:
-            return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
+    @cached_property
+    def _nearness(self) -> Tensor:
+        """Return the cosine (N,) of the angle from each pixel of a sphere in the axes of the rig to the nearest that some image shows,
+        parallax aside: 1 where one does."""
         windows = self.windows(EXTENT_ROWS)
-        seen = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
-        for number in range(len(self)):
-            x, y, z = (directions @ self.rotations[number]).T
+        directions = pixel_directions(_SHOWN_ROWS, 2 * _SHOWN_ROWS, self.rotations.device).flatten(0, 1)
+        shown = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
+        for number, least in enumerate(self.cones.clamp(max=math.pi).cos() - 1e-6):
+            near = (directions @ self.rotations[number, :, 0] >= least).nonzero()[:, 0]
+            x, y, z = (directions[near] @ self.rotations[number]).T
             sampled = windows.as_seen.sample(torch.atan2(y, x)[None], torch.asin(z.clamp(-1, 1))[None], number)
-            seen |= sampled[0, 3] > 0.5
-        return seen
+            shown[near] |= sampled[0, 3] > 0.5
+        around = wrap_border(shown.view(1, _SHOWN_ROWS, -1).float())[0] > 0
+        inside = around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
+        border = directions[shown & ~inside.flatten()]
+        if not len(border):  # nothing or all of it
+            return shown.float()
+        return torch.where(shown, 1.0, (directions @ border.T).amax(1))
 
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
-        """Tell which directions (N, 3) in the axes of the rig some image shows, or almost: within `margin`, radians."""
-        if self._sees_all:
+        """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside, or almost: within `margin`, radians. To two
+        degrees."""
+        if self._shows_all:
             return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
-        windows = self.windows(CONTRAST.extent_rows)
-        pixels, of = windows.rig_directions[windows.valid > 0], windows.image[windows.valid > 0]
-        reach = margin + 0.71 * math.pi / CONTRAST.extent_rows  # half a pixel's diagonal
-        # Most directions are nowhere near an image: the cones around them tell these apart at once.
-        near = directions @ self.rotations[:, :, 0].T >= (self.cones + reach).clamp(max=math.pi).cos() - 1e-6
-        shown = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
-        for number in range(len(self)):
-            some = (near[:, number] & ~shown).nonzero()[:, 0]
-            if len(some) and bool((of == number).any()):
-                shown[some] = (directions[some] @ pixels[of == number].T).amax(1) >= math.cos(reach)
-        return shown
+        return self._nearness[pixels_towards(directions, _SHOWN_ROWS)] >= math.cos(margin)
 
     def windows(self, rows: int) -> Windows:
         """Return all windows at `rows` to a sphere, a power of two; of an image that is coarser, its pixels enlarged."""

@@ -137,7 +137,7 @@ class MapQuery:
     @cached_property
     def search(self) -> MapSearch:
         """Return the map, ready to be searched."""
-        return MapSearch(self.rig.described, self.index, self.lines, self.rig.is_wide, self.config.search)
+        return MapSearch(self.rig.described, self.index, self.rig.is_wide, self.config.search)
 
     def allows(self, hypothesis: Hypothesis) -> bool:
         """Return whether the hints allow the pose."""

@@ -50,9 +50,8 @@ def propose(
 ) -> tuple[list[list[Hypothesis]], int, int]:
     """Search all maps in one round. Return portions of the best poses over all maps, best first, how many starts the limits left, and how
     many poses were scored."""
-    found, num_starts, num_poses = search_maps(
-        [query.search for query in queries], searched.limits, searched.by_lines, config
-    )
+    lines = [query.lines if searched.by_lines else None for query in queries]
+    found, num_starts, num_poses = search_maps([query.search for query in queries], searched.limits, lines, config)
     scored: list[tuple[float, Hypothesis]] = []
     for query, some in zip(queries, found, strict=True):
         columns = some.scores.tolist(), some.starts.tolist(), some.rotations, some.positions

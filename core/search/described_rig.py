@@ -81,6 +81,11 @@ class DescribedRig:
         grid, known = self._grid.halved(halvings), self._known[halvings]
         return DescribedPatches(values[0, chosen], chosen, kept / kept.sum(), grid, known)
 
+    @property
+    def share(self) -> float:
+        """Return the share of the sphere, 0..1, that the images show."""
+        return self._pyramid.share
+
     @cached_property
     def pixels(self) -> RigPixels:
         """Return the pixels at the resolution of the map's small pictures."""

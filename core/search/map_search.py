@@ -78,15 +78,10 @@ class LineEvidence:
 
 
 class MapSearch:
-    """One map of a query, ready to be searched.
+    """One map of a query, ready to be searched."""
 
-    lines: what the edges of the images say of rotations; None where that is little.
-    """
-
-    def __init__(
-        self, rig: DescribedRig, index: MapIndex, lines: LineEvidence | None, is_wide: bool, config: SearchConfig
-    ) -> None:
-        self.rig, self.index, self.lines, self.is_wide, self.config = rig, index, lines, is_wide, config
+    def __init__(self, rig: DescribedRig, index: MapIndex, is_wide: bool, config: SearchConfig) -> None:
+        self.rig, self.index, self.is_wide, self.config = rig, index, is_wide, config
 
     def starts(self, limits: PoseLimits) -> Tensor:
         """Return the numbers (T,) of the starts that limits leave."""
@@ -100,18 +95,21 @@ class MapSearch:
         patches = self.rig.patches(self.index.views.basis, 2)
         return patch_scores(patches, self.index.views.descriptors(2).take(starts), rotations).amax(1)
 
-    def propose(self, limits: PoseLimits, starts: Tensor, by_lines: bool, count: int) -> tuple[Candidates, int]:
+    def propose(
+        self, limits: PoseLimits, starts: Tensor, lines: LineEvidence | None, count: int
+    ) -> tuple[Candidates, int]:
         """Return the best `count` poses at the starts (T,) within limits, none near one before it, and how many were scored.
 
-        by_lines: only of the few rotations that lines agree with, where they are asked, and the best at places around their starts as well.
+        lines: what the edges of the images say; then only of the few rotations that they agree with, and the best at places around their
+        starts as well.
         """
-        config, lines = self.config, self.lines if by_lines else None
+        config = self.config
         if lines is None:
             halvings = config.halvings(self.is_wide)
             rotations = self._rotations(halvings, limits)
         else:
             halvings = 0
-            rotations = lines.likely_rotations(limits, config.likely_rotations_of(self.is_wide))
+            rotations = lines.likely_rotations(limits, config.likely_rotations_of(self.rig.share))
         if not len(starts) or not len(rotations):
             none = self.index.starts[:0]
             return Candidates(starts[:0], none.new_zeros((0, 3, 3)), none, none[:, 0], none[:, 0]), 0
@@ -144,10 +142,13 @@ class MapSearch:
 
 
 def search_maps(
-    searches: Sequence[MapSearch], limits: Sequence[PoseLimits], by_lines: bool, config: SearchConfig
+    searches: Sequence[MapSearch],
+    limits: Sequence[PoseLimits],
+    lines: Sequence[LineEvidence | None],
+    config: SearchConfig,
 ) -> tuple[list[Candidates], int, int]:
-    """Propose poses in every map; searches and limits go together. Wide rigs look only at the starts that a first pass likes best over all
-    maps. Return candidates of each map, how many starts the limits leave in all maps, and how many poses were scored there."""
+    """Propose poses in every map; searches, limits and lines go together. Wide rigs look only at the starts that a first pass likes best
+    over all maps. Return candidates of each map, how many starts the limits leave in all maps, and how many poses were scored there."""
     starts = [search.starts(limit) for search, limit in zip(searches, limits, strict=True)]
     total = sum(map(len, starts))
     kept = math.ceil(config.kept_share * total)
@@ -156,10 +157,11 @@ def search_maps(
         least = torch.cat(scores).topk(kept).values[-1]
         starts = [some[score >= least] for some, score in zip(starts, scores, strict=True)]
     found = _in_each(
-        lambda search, limit, some: search.propose(limit, some, by_lines, config.num_candidates),
+        lambda search, limit, some, by: search.propose(limit, some, by, config.num_candidates),
         searches,
         limits,
         starts,
+        lines,
     )
     return [candidates for candidates, _ in found], total, sum(num_poses for _, num_poses in found)
 

@@ -47,7 +47,7 @@ def test_where_a_prior_holds_nothing_is_searched(frame: Frame) -> None:
 
 
 def test_with_a_prior_no_field_of_view_of_a_photo_is_searched_either() -> None:
-    photo = replace(photo_of(Camera.from_hfov("pinhole", 640, 480, 84.0)), hfov_range_deg=(60.0, 100.0))
+    photo = replace(photo_of(Camera.from_hfov("pinhole", 640, 480, 92.0)), hfov_range_deg=(60.0, 100.0))
     found = localized(photo, hints=expected(moved(POSE, (0.1, -0.1, 0.05), 3.0)))
     assert (found.status, found.search.num_starts) == ("localized", 0)
     assert_found(found, POSE)

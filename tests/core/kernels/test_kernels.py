@@ -367,7 +367,7 @@ def test_patches_of_some_poses(both: Numbers, name: str) -> None:
 
 def test_candidates_that_move_around_their_starts(both: Numbers) -> None:
     one = query("one photo")
-    found = one.search.propose(one.limits, one.search.starts(one.limits), False, 24)[0]
+    found = one.search.propose(one.limits, one.search.starts(one.limits), None, 24)[0]
     compiled, tensors = both(lambda: swept(one.rig.described, one.index, found, 12, CONFIG.search).positions)
     assert float((compiled - tensors).norm(dim=1).median()) < 1e-4
 

@@ -63,6 +63,7 @@ def test_of_panoramas_all_is_searched_at_once_and_lines_are_asked_only_after_tha
     panorama = query_of(RIGS["panorama"][0], Hints(max_tilt_deg=max_tilt_deg) if max_tilt_deg else None)
     rounds = rounds_of([panorama], SEARCH)
     first = next(rounds)
+    propose([panorama], first, SEARCH)
     assert "lines" not in vars(panorama)  # most queries never pay for them
     rest = list(rounds)
     assert [each.by_lines for each in (first, *rest)] == by_lines

@@ -28,7 +28,7 @@ def level_of(box: PaintedBox, camera: Camera = CAMERA) -> tuple[Level, RigPyrami
     """Return the level of a photo of a box, taken for one of a camera, and its pyramid."""
     photo = photo_of(CAMERA, POSE, box)
     pyramid = RigPyramid(Rig.of_photo(Photo(photo.color, photo.valid, camera)), 512, None, "cpu")
-    return CanonicalColors(pyramid).level(128, 0.0), pyramid
+    return CanonicalColors(pyramid).level(256, 0.0), pyramid
 
 
 @cache

@@ -59,15 +59,20 @@ def test_few_rotations_are_left_and_the_right_one_is_among_them(hints: Hints | N
     assert bool(first.limits[0].allows_rotation(likely, rotation_spacing(CONFIG.search.line_rotations) / 2).all())
 
 
+def test_the_more_a_rig_shows_the_fewer_rotations_lines_choose() -> None:
+    of_share = [CONFIG.search.likely_rotations_of(share) for share in (0.0, 0.09, 0.3, 1.0)]
+    assert of_share[0] == of_share[1] == CONFIG.search.likely_rotations
+    assert of_share[1] > 2 * of_share[2] > 4 * of_share[3] > 0
+
+
 def test_of_a_panorama_few_rotations_leave_the_right_one_and_its_pose_comes_first() -> None:
     panorama = found_candidates.query_of(rig_of(BOX.panorama(POSE)), None, map_of(BOX))
     _, level, _ = rounds_of([panorama], CONFIG.search)
-    most = CONFIG.search.likely_rotations_of(is_wide=True)
-    assert most < CONFIG.search.likely_rotations_of(is_wide=False) / 4
+    most = CONFIG.search.likely_rotations_of(panorama.rig.share)
     assert nearest_deg(evidence_of(panorama).likely_rotations(level.limits[0], most), ROTATION) < 4.0
     at = Hypothesis(0, 0, ROTATION, PLACE)
     assert "lines" not in panorama.judge([at])[0].measures
-    (found,), _, num_poses = search_maps([panorama.search], level.limits, level.by_lines, CONFIG.search)
+    (found,), _, num_poses = search_maps([panorama.search], level.limits, [panorama.lines], CONFIG.search)
     assert 0 < num_poses <= map_of(BOX).num_starts * most
     assert float((found.positions[0] - PLACE).norm()) < 0.3
     assert nearest_deg(found.rotations[:1], ROTATION) < 5.0
@@ -92,7 +97,7 @@ def test_the_score_falls_with_what_a_rotation_misses() -> None:
 def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
     query, index = query_of(), map_of(BOX)
     limits = next(rounds_of([query], CONFIG.search)).limits
-    (found,), *_ = search_maps([query.search], limits, True, CONFIG.search)
+    (found,), *_ = search_maps([query.search], limits, [query.lines], CONFIG.search)
     off_m, starts = (found.positions - PLACE).norm(dim=-1), index.starts[found.starts]
     assert float(off_m[0]) < 0.2
     assert float((starts[0] - PLACE).norm()) > float(off_m[0])

@@ -25,7 +25,7 @@ NARROW_MARGIN = rotation_spacing(SEARCH.rotations) / 2  # rad, and less of the d
 
 def searched(query: MapQuery, limits: PoseLimits | None = None) -> tuple[Candidates, int, int]:
     """Return what is found in one map, how many starts there were, and how many poses were scored."""
-    (found,), num_starts, num_poses = search_maps([query.search], [limits or query.limits], False, SEARCH)
+    (found,), num_starts, num_poses = search_maps([query.search], [limits or query.limits], [None], SEARCH)
     return found, num_starts, num_poses
 
 
@@ -33,7 +33,7 @@ def searched(query: MapQuery, limits: PoseLimits | None = None) -> tuple[Candida
 def test_maps_that_are_searched_at_once_propose_what_they_do_one_after_the_other(name: str) -> None:
     with torch.inference_mode():
         both = prepare_queries(RIGS[name][0], [map_of(BOX), map_of(OTHER_BOX)], None, CONFIG)
-        given = [one.search for one in both], [one.limits for one in both], False, SEARCH
+        given = [one.search for one in both], [one.limits for one in both], [None, None], SEARCH
         before, of_tensors, found = num_threads(), torch.get_num_threads(), []
         try:
             for threads in (1, 2):
@@ -75,7 +75,7 @@ def test_the_first_pass_keeps_the_starts_that_it_likes_best_over_all_maps(share:
     first = [search.first_scores(limit) for search, limit in zip(searches, limits, strict=True)]
     count = math.ceil(share * sum(map(len, first)))
     least = float(torch.cat(first).sort(descending=True).values[count - 1])
-    found, num_starts, num_poses = search_maps(searches, limits, False, config)
+    found, num_starts, num_poses = search_maps(searches, limits, [None, None], config)
     assert (num_starts, num_poses) == (sum(map(len, first)), count * (SEARCH.rotations // 4))
     for part, scores in zip(found, first, strict=True):
         assert (scores[part.starts] >= least).all()
@@ -87,7 +87,7 @@ def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:
     config = replace(CONFIG, search=replace(SEARCH, kept_share=0.01))
     search = query_of(RIGS["panorama"][0], config=config).search
     assert search.first_scores(level).isinf().all()
-    *_, num_poses = search_maps([search], [level], False, config.search)
+    *_, num_poses = search_maps([search], [level], [None], config.search)
     count = SEARCH.rotations // 4
     allowed = level.allows_rotation(uniform_rotations(count), rotation_spacing(count) / 2)
     assert num_poses == map_of(BOX).num_starts * int(allowed.sum()) > 0
