@@ -163,11 +163,11 @@ class Localizer:
         return replace(found, map_from_session=map_from_session, images=tuple(images))
 
     def _is_alone_elsewhere(self, photo: Photo, index: MapIndex, expected: Pose, clock: StageClock) -> bool:
-        """Return whether a photo by itself is surely elsewhere than expected: refined from there, and from around it."""
+        """Return whether a photo by itself is surely elsewhere than expected: there is where it is looked for first."""
         x, y, z = expected.position.tolist()
         a, b, c, w = expected.quaternion_xyzw.tolist()
         around = DISTANCES.place
-        prior = PosePrior((x, y, z), (a, b, c, w), "ros", around.distance_m, around.angle_deg, is_only=True)
+        prior = PosePrior((x, y, z), (a, b, c, w), "ros", around.distance_m, around.angle_deg)
         if photo.hfov_range_deg is not None:  # it has been found by all images
             photo = replace(photo, hfov_range_deg=None, focal_uncertainty=self.config.focal.noise)
         result, _ = self._engine.run(Rig.of_photo(photo), [index], Hints(prior=prior), clock)

@@ -104,8 +104,9 @@ class Contest:
         query = self.queries[best.map_number]
         axis = query.rig.pyramid.rotations[0][:, 0]
         free = self._contradicting(query, best, prior) if prior.is_stated else None
-        if free is not None:  # what it was is no rival
+        if free is not None:
             others = [h for h in self.hypotheses if not h.is_near(best, DISTANCES.place)]
+            losers.append(best)
             best, comparison = self._with_signs(free), free.comparison
             self.hypotheses = [best, *others]
         while not prior.is_measured:  # each time the best fits better than before
@@ -121,11 +122,7 @@ class Contest:
                 break
             losers += [] if is_guess else [best]
             best, comparison = self._with_signs(full), full.comparison
-        # A stated focal length that is too long fits wrong places by chance more easily than the right one fits its own.
-        weight = query.rig.chance_weight if prior.is_stated and best.log_focal is None else lambda _: 1.0
-        own = max(best.score, 1e-6) * weight(best.log_focal)
-        others = [loser for loser in losers if not loser.is_near(best, DISTANCES.right)]
-        odds = sum((loser.score * weight(loser.log_focal) / own) ** focal.power for loser in others)
+        odds = sum(query.rig.odds(loser, best) for loser in losers if not loser.is_near(best, DISTANCES.right))
         best = self._limited(replace(best, measures=best.measures | {"focal_odds": odds}))
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
         self.hypotheses, self.comparison = [best, *rest], comparison

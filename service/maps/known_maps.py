@@ -28,7 +28,7 @@ class VisibleMaps:
             named = ", ".join(each.id for each in self.all() if each.name == map_id)
             known = f"the name of {named}; send the id" if named else f"unknown or deleted{others}"
             raise MapNotFoundError(
-                f"expected the id of a map, got {map_id[:80]!r}, which is {known}; see the list of maps (GET /maps)"
+                f"expected the id of a map, got {map_id[:80]!r}, which is {known}; see the list of maps (GET /maps, panoloc maps)"
             )
         return record
 

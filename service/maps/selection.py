@@ -60,7 +60,7 @@ class MapChoice:
         meant = seen.all() if self.tag is None else seen.with_tag(self.tag)
         if not meant:
             expected = "a map to search, got none" if self.tag is None else f"the tag of a map, got {self.tag[:80]!r}"
-            raise MapNotFoundError(f"expected {expected}; see the list of maps (GET /maps)")
+            raise MapNotFoundError(f"expected {expected}; see the list of maps (GET /maps, panoloc maps)")
         serving = [ref for record in meant if (ref := record.serving_ref) is not None]
         if not serving:
             return ChosenMaps((serving_ref(meant[0]),))

@@ -12,6 +12,7 @@ import pytest
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Rig, RigImage
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.agreement import PhotoAgreement
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import rig_on_sphere
 from panoloc.core.localizer import Localizer
@@ -210,6 +211,19 @@ def test_a_session_whose_first_image_has_slipped_is_refused_though_much_of_it_ag
     assert found.status == "not_localized"
     assert [remark.reason for remark in found.warnings] == ["images_contradict"]
     assert known(found.images[0].agreement) > 0.5
+
+
+def test_a_first_image_that_was_taken_far_from_the_others_is_found_out_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first, *others = SESSION.images
+    there = MAP_FROM_SESSION.after(first.session_from_camera).after(Pose(rotation_of(-70.0), np.array([0.3, 1.2, 0.0])))
+    spoilt = Rig((replace(first, photo=photo_of(SIDEWAYS, there)), *others))
+    # Its agreement alone tells it, too: what the scan explains of a painted box seen from elsewhere is next to nothing.
+    monkeypatch.setattr(PhotoAgreement, "contradicts", lambda *_: False)
+    found = localized(spoilt)
+    assert found.status == "not_localized"
+    assert [remark.reason for remark in found.warnings] == ["images_contradict"]
 
 
 def test_an_image_that_slipped_is_asked_with_the_field_of_view_that_all_images_found(

@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from panoloc.core.image.image_header import KNOWN_FORMATS
+from panoloc.core.scan.file_names import display_name
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
@@ -178,7 +179,7 @@ class _Placing:
                     self.session.print_json({"photo": name, **shown})
         placed = self.folder.placed()
         placed.fetch_maps(self.client)
-        self._show_summary(statuses, len(photos), self.folder.write_unplaced(placed.photos))
+        self._show_summary(statuses, placed.photos, self.folder.write_unplaced(placed.photos))
         return placed, [exit_code_of(status) for status in statuses]
 
     def _names(self) -> list[str]:
@@ -244,13 +245,23 @@ class _Placing:
         answer = self.client.localize([photo.image], question.map_ids, question.tag, None, options)
         return {"status": answer["status"], "answer": answer}
 
-    def _show_summary(self, statuses: Counter[str], num_photos: int, unplaced: Path) -> None:
+    def _show_summary(self, statuses: Counter[str], photos: Sequence[Photo], unplaced: Path) -> None:
+        num_photos = len(photos)
         if self.session.json_output:
             self.session.print_json({"num_photos": num_photos, "counts": dict(statuses), "unplaced": str(unplaced)})
             return
         self.session.results.print(f"{_counted(num_photos)}: {counts_text(statuses) or 'none'}", markup=False)
         if statuses["localized"] < num_photos:
             self.session.results.print(f"photos without a pose: {unplaced}", markup=False)
+        # What failed has no answer; of the others, those without a pose are listed already.
+        answers = [(photo.name, (photo.result or {}).get("answer")) for photo in photos]
+        warned = [
+            f"{display_name(name)}: {answer['warnings'][0]}"
+            for name, answer in answers
+            if answer and answer["status"] == "localized" and answer["warnings"]
+        ]
+        if warned:
+            self.session.results.print(f"placed, with warnings (results/): {_several(warned, '')}", markup=False)
 
 
 def _several(names: list[str], note: str) -> str:

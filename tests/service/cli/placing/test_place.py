@@ -39,6 +39,7 @@ def test_every_photo_is_placed_and_written_in_the_formats_asked_for(
     outcome = place("--export", "potree,colmap", "--upright")
     assert outcome.code == 0, outcome.err
     assert "3 photos: 3 localized" in outcome.out
+    assert "warnings" not in outcome.out
     assert "potree (photos: 3)" in " ".join(outcome.err.split())
     assert json.loads(fake.parts["options"][0])["hints"] == {"upright": True}
     table = rows(out / "potree" / "coordinates.txt")[1:]
@@ -47,6 +48,17 @@ def test_every_photo_is_placed_and_written_in_the_formats_asked_for(
     assert (out / "unplaced.txt").read_text() == ""
     assert "1 EQUIRECTANGULAR 64 32 64 32" in (out / "colmap" / "cameras.txt").read_text()
     assert len((out / "colmap" / "points3D.txt").read_text().splitlines()) == 3
+
+
+def test_photos_that_were_placed_with_warnings_are_named_at_the_end(
+    place: Panoloc, fake: FakeService, tmp_path: Path
+) -> None:
+    told = {**answer_with("localized"), "warnings": ["the pose is for an image 57 degrees wide"]}
+    fake.answers = {f"is {name}": told for name in ("hall.jpg", "rooms/b.png")}
+    fake.answers["is rooms/a.jpg"] = {**answer_with("not_localized"), "warnings": ["nothing fits"]}
+    said = " ".join(place("--out", tmp_path / "warned").out.split())
+    assert "placed, with warnings (results/): hall.jpg: the pose is for an image 57 degrees wide and 1 more" in said
+    assert "nothing fits" not in said
 
 
 def test_a_log_is_told_now_and_then_how_far_it_is(
