@@ -229,12 +229,11 @@ class RigPyramid:
         return torch.where(shown, 1.0, (directions @ border.T).amax(1))
 
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
-        """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside, to two degrees; or almost: within `margin`,
-        radians, and up to two pixels of three degrees more."""
+        """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside, or almost: within `margin`, radians. To a
+        pixel of three degrees."""
         if self._shows_all:
             return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
-        reach = margin + math.pi / _SHOWN_ROWS if margin else 0.0
-        return self._nearness[pixels_towards(directions, _SHOWN_ROWS)] >= math.cos(min(reach, math.pi))
+        return self._nearness[pixels_towards(directions, _SHOWN_ROWS)] >= math.cos(margin)
 
     def windows(self, rows: int) -> Windows:
         """Return all windows at `rows` to a sphere, a power of two; of an image that is coarser, its pixels enlarged."""

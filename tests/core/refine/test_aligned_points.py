@@ -53,8 +53,8 @@ def test_directions_are_spread_over_what_photos_show_and_as_densely_around(margi
     everywhere = even_directions(20_000)
     shown = everywhere[shown_by_photos(everywhere)]
     off = torch.rad2deg(torch.acos((look.directions @ shown.T).amax(1).clamp(-1, 1)))
-    assert margin_deg < float(off.max()) < margin_deg + 5.6  # told by pixels of 2.8 degrees
-    around = torch.rad2deg(torch.acos((everywhere @ shown.T).amax(1).clamp(-1, 1))) < margin_deg + 2.0
+    assert margin_deg - 3.0 < float(off.max()) < margin_deg + 3.0  # told by pixels of 2.8 degrees
+    around = torch.rad2deg(torch.acos((everywhere @ shown.T).amax(1).clamp(-1, 1))) < max(margin_deg, 1.0)
     assert len(look.directions) / int(around.sum()) == pytest.approx(800 / len(shown), rel=0.15)
 
 
