@@ -84,5 +84,10 @@ def rearranged_panoramas() -> tuple[bytes, ...]:
     return tuple(_panorama_from(sample_pose(scene, np.random.default_rng(seed)), scene) for seed in (1, 2))
 
 
-def _panorama_from(pose: Pose, scene: Scene | None = None) -> bytes:
-    return encoded(take_panorama(scene or room_scene(), pose, 512).color, "JPEG", quality=92)
+def fine_panorama() -> bytes:
+    """Return the panorama of the small room with pixels half as large, for what is measured to a fraction of a degree."""
+    return _panorama_from(small_room().pose, width=1024)
+
+
+def _panorama_from(pose: Pose, scene: Scene | None = None, width: int = 512) -> bytes:
+    return encoded(take_panorama(scene or room_scene(), pose, width).color, "JPEG", quality=92)

@@ -41,6 +41,7 @@ from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import (
     OPTIONS,
     dense_scan,
+    fine_panorama,
     rearranged_panoramas,
     room_scene,
     second_panorama,
@@ -117,8 +118,10 @@ def test_a_file_that_is_no_scan_is_refused_with_what_to_do_and_can_be_dismissed(
 
 @pytest.mark.parametrize(("draw", "drawn_by"), [("webgl", "WebGL"), ("processor", "the processor")])
 def test_photo_and_points_meet_where_the_photo_was_taken(
-    page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path, draw: str, drawn_by: str
+    page: Page, service: RunningService, room_id: str, tmp_path: Path, draw: str, drawn_by: str
 ) -> None:
+    panorama = tmp_path / "panorama.jpg"
+    panorama.write_bytes(fine_panorama())
     page.goto(f"{service.http.base_url}/?draw={draw}#/maps/{room_id}")
     wait_until_drawn(page, _num_stored_points(service, room_id))
     page.get_by_label("Choose photos to localize").set_input_files(panorama)
