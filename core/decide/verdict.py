@@ -240,7 +240,7 @@ def why_there_is_no_pose(num_poses: int, hints: Hints | None) -> tuple[Remark, .
     if num_poses == 0:
         return (_HINTS_LEAVE_NOTHING,)
     is_narrowed = hints is not None and hints.is_narrowing
-    return (_NOTHING_IN_REACH, _HINTS_MAY_BE_WRONG) if is_narrowed else (_NOTHING_IN_REACH,)
+    return (_HINTS_MAY_BE_WRONG, _NOTHING_IN_REACH) if is_narrowed else (_NOTHING_IN_REACH,)
 
 
 def why_nothing_fits(rig: Rig, hints: Hints | None) -> tuple[Remark, ...]:

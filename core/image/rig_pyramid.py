@@ -29,8 +29,6 @@ from panoloc.core.image.level import BORDER, Level
 from panoloc.core.image.photo_window import EXTENT_ROWS, PhotoOnWindow, photo_on_window
 from panoloc.core.kernels.library import num_threads
 
-_SHOWN_ROWS = 64  # of the sphere on which it is kept what a rig shows
-
 
 @dataclass(frozen=True)
 class Window:
@@ -195,8 +193,9 @@ class RigPyramid:
         """Return the share of the sphere, 0..1, that all images together show, overlaps counted once."""
         if self._shows_all:
             return 1.0
-        weights = pixel_solid_angles(_SHOWN_ROWS, 2 * _SHOWN_ROWS, self.rotations.device) / (4 * math.pi)
-        return float(((self._nearness >= 1).view(_SHOWN_ROWS, -1) * weights).sum())
+        height, width = self._nearness.shape
+        weights = pixel_solid_angles(height, width, self.rotations.device) / (4 * math.pi)
+        return float(((self._nearness >= 1) * weights).sum())
 
     @cached_property
     def reach(self) -> float:
@@ -211,29 +210,30 @@ class RigPyramid:
 
     @cached_property
     def _nearness(self) -> Tensor:
-        """Return the cosine (N,) of the angle from each pixel of a sphere in the axes of the rig to the nearest that some image shows,
+        """Return the cosine (H, W) of the angle from each pixel of a sphere in the axes of the rig to the nearest that some image shows,
         parallax aside: 1 where one does."""
-        windows = self.windows(EXTENT_ROWS)
-        directions = pixel_directions(_SHOWN_ROWS, 2 * _SHOWN_ROWS, self.rotations.device).flatten(0, 1)
+        windows, rows = self.windows(EXTENT_ROWS), EXTENT_ROWS // 2
+        directions = pixel_directions(rows, 2 * rows, self.rotations.device).flatten(0, 1)
         shown = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
         for number, least in enumerate(self.cones.clamp(max=math.pi).cos() - 1e-6):
             near = (directions @ self.rotations[number, :, 0] >= least).nonzero()[:, 0]
             x, y, z = (directions[near] @ self.rotations[number]).T
             sampled = windows.as_seen.sample(torch.atan2(y, x)[None], torch.asin(z.clamp(-1, 1))[None], number)
             shown[near] |= sampled[0, 3] > 0.5
-        around = wrap_border(shown.view(1, _SHOWN_ROWS, -1).float())[0] > 0
+        around = wrap_border(shown.view(1, rows, -1).float())[0] > 0
         inside = around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
         border = directions[shown & ~inside.flatten()]
         if not len(border):  # nothing or all of it
-            return shown.float()
-        return torch.where(shown, 1.0, (directions @ border.T).amax(1))
+            return shown.float().view(rows, -1)
+        return torch.where(shown, 1.0, (directions @ border.T).amax(1)).view(rows, -1)
 
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some image shows, parallax aside, or almost: within `margin`, radians. To a
         pixel of three degrees."""
         if self._shows_all:
             return torch.ones(len(directions), dtype=torch.bool, device=directions.device)
-        return self._nearness[pixels_towards(directions, _SHOWN_ROWS)] >= math.cos(margin)
+        nearness = self._nearness
+        return nearness.flatten()[pixels_towards(directions, len(nearness))] >= math.cos(margin)
 
     def windows(self, rows: int) -> Windows:
         """Return all windows at `rows` to a sphere, a power of two; of an image that is coarser, its pixels enlarged."""

@@ -122,10 +122,18 @@ class Contest:
                 break
             losers += [] if is_guess else [best]
             best, comparison = self._with_signs(full), full.comparison
-        odds = sum(query.rig.odds(loser, best) for loser in losers if not loser.is_near(best, DISTANCES.right))
+        odds = sum(self._odds(loser, best) for loser in losers if not loser.is_near(best, DISTANCES.right))
         best = self._limited(replace(best, measures=best.measures | {"focal_odds": odds}))
         rest = self.hypotheses[1:] if best.log_focal == self.hypotheses[0].log_focal else self.hypotheses
         self.hypotheses, self.comparison = [best, *rest], comparison
+
+    def _odds(self, other: Hypothesis, best: Hypothesis) -> float:
+        """Return how many times as probable as the best pose another one is, by their scores. Where one of them has the stated focal
+        length, the score of the narrower counts less, as where only bounds are known."""
+        rig, ratio = self.queries[best.map_number].rig, other.score / max(best.score, 1e-6)
+        if rig.prior is not None and rig.prior.is_stated and (other.log_focal is None) != (best.log_focal is None):
+            ratio *= rig.chance_weight(other.log_focal) / rig.chance_weight(best.log_focal)
+        return math.pow(max(ratio, 0.0), self.config.focal.power)
 
     def _contradicting(self, query: MapQuery, best: Hypothesis, prior: FocalPrior) -> _Full | None:
         """Return the best pose with the focal length that the images say it has, None where that may be the stated one."""

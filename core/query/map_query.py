@@ -85,14 +85,6 @@ class PreparedRig:
             less = [self.chance_weight(h.log_focal) / self.chance_weight(prior.least) for h in group]
         return torch.tensor(less, device=self.pyramid.rotations.device)
 
-    def odds(self, other: Hypothesis, best: Hypothesis) -> float:
-        """Return how many times as probable as the best pose another one is, by their scores. Where one of them has the stated focal
-        length, the score of the narrower counts less, as where only bounds are known."""
-        ratio = other.score / max(best.score, 1e-6)
-        if self.prior is not None and self.prior.is_stated and (other.log_focal is None) != (best.log_focal is None):
-            ratio *= self.chance_weight(other.log_focal) / self.chance_weight(best.log_focal)
-        return math.pow(max(ratio, 0.0), self.config.focal.power)
-
     def chance_weight(self, log_focal: float | None) -> float:
         """Return the weight of a score with a focal length, the logarithm of its factor: the less of the sphere an image shows, the more
         easily it fits by chance."""

@@ -90,6 +90,7 @@ def contest_of(
     is_measured: bool = False,
     beside: dict[float, list[Hypothesis]] | None = None,
     is_wide: bool = False,
+    weight: Callable[[float | None], float] = lambda log_focal: 1.0,
 ) -> tuple[Contest, dict[str, list[Hypothesis]]]:
     """Return a contest in one map, whose judge halves scores at the end; and what each stage of refinement has seen."""
 
@@ -109,6 +110,7 @@ def contest_of(
             share=1.0,
             is_wide=is_wide,
             prior=FocalPrior(-0.1, 0.8, True, is_measured),
+            chance_weight=weight,
             pyramid=SimpleNamespace(rotations=torch.eye(3)[None]),
         ),
     )
@@ -230,7 +232,7 @@ def test_a_pose_with_another_focal_length_that_fits_less_well_is_a_rival_as_prob
 
 
 @pytest.mark.parametrize(("is_measured", "count"), [(True, 0), (False, 1)])
-def test_a_focal_length_that_the_images_contradict_is_no_rival_and_a_measured_one_is_sought_no_further(
+def test_a_focal_length_that_the_images_contradict_is_a_rival_and_a_measured_one_is_sought_no_further(
     is_measured: bool, count: int
 ) -> None:
     asked: list[float] = []
@@ -246,9 +248,22 @@ def test_a_focal_length_that_the_images_contradict_is_no_rival_and_a_measured_on
     contest.add_focal_lengths()
     assert found_by(contest) == [(1.0, 0.485), (3.0, 0.45)]
     assert contest.hypotheses[0].measures["most_margin"] == 0.35
-    assert contest.hypotheses[0].measures["focal_odds"] == 0.0
+    assert contest.hypotheses[0].measures["focal_odds"] == pytest.approx((1.0 / 0.97) ** POWER)
     assert "halves_apart_m" in contest.hypotheses[0].measures
     assert asked == [0.3] * count
+
+
+@pytest.mark.parametrize(("log_focal", "weight"), [(0.3, 0.8), (-0.1, 1.1)])
+def test_where_one_of_two_focal_lengths_is_stated_an_image_that_would_show_more_counts_more(
+    log_focal: float, weight: float
+) -> None:
+    weights = {None: 1.0, log_focal: weight}
+    freed = replace(placed(1.0, 1.05, log_focal), information=99.0)
+    contest, _ = contest_of(freed=freed, is_measured=True, weight=weights.__getitem__)
+    contest.add([replace(placed(0.0, 1.0), log_focal=None)])
+    contest.add_focal_lengths()
+    assert contest.hypotheses[0].log_focal == log_focal
+    assert contest.hypotheses[0].measures["focal_odds"] == pytest.approx((1 / (1.05 * weight)) ** POWER)
 
 
 def test_the_best_is_refined_no_further_where_a_first_look_leaves_its_focal_length_as_it_is() -> None:

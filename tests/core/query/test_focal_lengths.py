@@ -227,16 +227,6 @@ def test_what_is_stated_is_contradicted_beyond_chance_by_what_fits_hardly_worse(
     assert not contradicts(replace(other, information=0.1), best, stated, FOCAL)
 
 
-def test_against_a_stated_focal_length_a_narrower_camera_is_less_probable_and_a_wider_one_more() -> None:
-    rig = PreparedRig(Rig.of_photo(zoomed()), None, torch.device("cpu"), CONFIG)
-    best, narrower, wider = (replace(hypothesis(log), score=0.5) for log in (None, 0.2, -0.2))
-    assert rig.odds(narrower, best) < 1 / 3 < 1 < 3 < rig.odds(wider, best)
-    assert rig.odds(best, narrower) == pytest.approx(1 / rig.odds(narrower, best))
-    assert rig.odds(replace(narrower, score=0.6), best) > 1
-    assert rig.odds(wider, narrower) == rig.odds(best, best) == 1  # neither is the stated one, or both are
-    assert rig.odds(best, replace(best, score=0.0)) > 1e6
-
-
 def test_images_that_tell_nothing_leave_a_focal_length_entirely_open() -> None:
     assert focal_uncertainty(0.0, FOCAL) == 1.0
     assert focal_uncertainty(25.0, FOCAL) == pytest.approx(FOCAL.noise / 5)
