@@ -40,9 +40,11 @@ def look_directions(pyramid: RigPyramid, count: int, margin_deg: float, patch_de
     The margin must be wider than a pose can turn: points that leave an image lower the loss, and others must take their place.
     """
     margin = math.radians(margin_deg)
-    around = even_directions(max(16, round(count / max(pyramid.share, 1e-3))), pyramid.reach + margin)
-    # The third axis of the lattice becomes the optical axis of the first camera, which is the first of its axes.
-    around = around.to(pyramid.rotations.device) @ pyramid.rotations[0].T.roll(-1, 0)
+    reach = pyramid.reach + margin
+    around = even_directions(max(16, round(count / max(pyramid.share, 1e-3))), reach).to(pyramid.rotations.device)
+    if reach < math.pi:
+        # The third axis of the lattice becomes the optical axis of the first camera, which is the first of its axes.
+        around = around @ pyramid.rotations[0].T.roll(-1, 0)
     directions = around[pyramid.shows(around, margin)]
     patches, order = patch_numbers(directions, patch_deg).sort(stable=True)
     directions = directions[order]
