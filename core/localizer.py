@@ -163,7 +163,7 @@ class Localizer:
         return replace(found, map_from_session=map_from_session, images=tuple(images))
 
     def _is_alone_elsewhere(self, photo: Photo, index: MapIndex, expected: Pose, clock: StageClock) -> bool:
-        """Return whether a photo by itself is surely elsewhere than expected: there is where it is looked for first."""
+        """Return whether a photo by itself is surely elsewhere than expected, where it is looked for first."""
         x, y, z = expected.position.tolist()
         a, b, c, w = expected.quaternion_xyzw.tolist()
         around = DISTANCES.place

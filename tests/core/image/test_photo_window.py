@@ -96,5 +96,15 @@ def test_a_large_photo_is_averaged_and_not_picked_from() -> None:
     assert np.abs(placed.color[placed.valid].astype(int) - 100).max() <= 2
 
 
+@pytest.mark.parametrize("rows", [512, 515])
+def test_a_panorama_that_is_made_smaller_has_the_rows_asked_for_and_nothing_of_it_moves(rows: int) -> None:
+    panorama = np.zeros((rows, 2 * rows, 3), np.uint8)
+    panorama[rows // 2 :, rows:] = 200  # sharp in the middle of both sides
+    found = rig_on_sphere(Rig.of_panorama(Panorama(panorama, np.ones((rows, 2 * rows), bool))), 256).color
+    assert found.shape == (256, 512, 3)
+    assert found[:127].max() == found[:, :255].max() == 0
+    assert found[129:, 257:].min() == 200
+
+
 def on_sphere(photo: Photo) -> Panorama:
     return rig_on_sphere(Rig.of_photo(photo))
