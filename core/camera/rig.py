@@ -118,17 +118,30 @@ class Rig:
             f"image {number}: {words}" for number, photo in enumerate(self.photos, 1) for words in photo.left_out
         )
 
-    def cut_on_one_side(self) -> "list[Rig]":
-        """Return the rig of a panorama of which a strip all around is left, cut below alone and above alone; none where its horizon is
-        known. A field of view says nothing of that: `Camera.from_hfov` puts it in the middle.
-        """
+    @property
+    def has_unsure_extent(self) -> bool:
+        """Return whether a field of view is all that is known of this image without a focal length: of a strip all around nobody said how
+        much was cut above and below, of a sweep the width may be a guess."""
         photo, *others = self.photos
-        camera, quarter = photo.camera, photo.camera.fy_px * math.pi / 2
-        is_strip = camera.model == "equirectangular" and camera.hfov_deg >= 360 and camera.height_px < 2 * quarter - 1
-        if others or not is_strip or not photo.focal_uncertainty:
-            return []
-        sides = (replace(camera, cy_px=cy_px) for cy_px in (quarter, camera.height_px - quarter))
-        return [replace(self, images=(replace(self.images[0], photo=replace(photo, camera=side)),)) for side in sides]
+        is_described = photo.camera.hfov_deg < 360 or photo.camera.model == "equirectangular"
+        is_known = photo.camera.is_whole_sphere or not photo.focal_uncertainty
+        return is_described and not (others or is_known or self.has_focal_length)
+
+    def with_other_extent(self, angle: float) -> "Rig | None":
+        """Return such an image where it shows another part of the sphere; None where there is no such part. `Camera.from_hfov` puts the
+        horizon of a strip in the middle.
+
+        angle: radians; by as much a strip all around shows more above its horizon and less below, and others more on either side.
+        """
+        camera = self.photos[0].camera
+        if camera.hfov_deg < 360:
+            half = math.radians(camera.hfov_deg) / 2
+            return self.with_focal_factor(half / (half + angle)) if 0 < half + angle < math.pi else None
+        quarter, height, row = camera.fy_px * math.pi / 2, camera.height_px, camera.cy_px + angle * camera.fy_px
+        if not max(height - quarter - 0.5, -height) <= row <= min(quarter + 0.5, 2 * height):
+            return None
+        photo = replace(self.photos[0], camera=replace(camera, cy_px=row))
+        return replace(self, images=(replace(self.images[0], photo=photo),))
 
     def with_focal_factor(self, factor: float) -> "Rig":
         """Return the rig with cameras of longer focal lengths, by a factor."""

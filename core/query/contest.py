@@ -81,6 +81,10 @@ class Contest:
         """Return the score of the best pose that was taken in, as of coarse refinement; 0 without one."""
         return self._coarse[0].score if self._coarse else 0.0
 
+    def score(self) -> float:
+        """Return the score of the best pose, as ranked; 0 without one."""
+        return self.hypotheses[0].score if self.hypotheses else 0.0
+
     def is_promising(self, model: ConfidenceModel) -> bool:
         """Return whether the best of the poses that were taken in may be sure in the end."""
         settled = [self._limited(h) for h in self._settle(self._coarse)]

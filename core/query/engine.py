@@ -4,12 +4,14 @@ prepare, for each focal length that the rig may have → refine and judge where 
 → unless that is sure, or the caller wants nothing else, for each round:
   propose, for each focal length → refine coarse, judge
   → of the focal length that fits best: refine medium, judge → refine fine, judge → stop when sure
+→ of an image whose extent is not known, the same with others, nearer and nearer
 → the same for aliases of the best pose, and for other focal lengths.
 
 For a session that is localized, `localizer.py` may then run the first image by itself, where the others put it.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 from panoloc.core.camera.rig import Rig
 from panoloc.core.config import LocalizerConfig
@@ -38,14 +40,18 @@ class Engine:
 
         Poses are those of the rig's axes.
         """
-        with clock.stage("prepare"):
-            contests = [
-                Contest(rig, prepare_queries(rig, maps, hints, self.config), self.config, clock)
-                for rig in guesses(given, self.config.focal)
-            ]
+
+        def contest_of(rig: Rig) -> Contest:
+            """Return the contest of the poses of a rig, one guess at that which is given."""
+            with clock.stage("prepare"):
+                return Contest(rig, prepare_queries(rig, maps, hints, self.config, given), self.config, clock)
+
+        contests = [contest_of(rig) for rig in guesses(given, self.config.focal)]
         contest, num_starts, num_poses = self._where_expected(contests, hints), 0, 0
         if contest is None:
             contest, num_starts, num_poses = self._search(contests, clock)
+        if given.has_unsure_extent:
+            contest = self._closer(contest, contest_of)
         queries = contest.queries
         if hints is None or not hints.has_only_prior:
             self._add_aliases(contest, clock)
@@ -110,6 +116,21 @@ class Engine:
             if self.is_sure(best):
                 break
         return best, num_starts, num_poses
+
+    def _closer(self, guess: Contest, contest_of: Callable[[Rig], Contest]) -> Contest:
+        """Return the contest for the extent of an image with which the best pose fits best: the one guessed, or one beside it, nearer and
+        nearer. Poses elsewhere stay its rivals."""
+        best, step = guess, self.config.focal.step / 2
+        while best.hypotheses and step > math.pi / (2 * self.config.refinement.fine_rows):
+            beside = [contest_of(rig) for by in (-step, step) if (rig := best.rig.with_other_extent(by)) is not None]
+            for other in beside:
+                other.add(best.hypotheses[:1])
+            better = max([best, *beside], key=Contest.score)
+            step = step / 2 if better is best else step
+            best = better
+        if best is not guess:
+            best.add(guess.hypotheses)
+        return best
 
     def _add_aliases(self, contest: Contest, clock: StageClock) -> None:
         """Let the aliases of the best pose compete with it, if it would be told without rivals: until then they are rivals like others."""

@@ -74,10 +74,18 @@ def focal_prior(rig: Rig, config: FocalConfig) -> FocalPrior | None:
 
 def guesses(rig: Rig, config: FocalConfig) -> list[Rig]:
     """Return the rig with focal lengths so close together that the search finds the right pose with one of them; as it is where one is
-    stated; a strip of a panorama also with its horizon elsewhere."""
+    stated. Likewise an image without a focal length with the extents that it may have, a step or less apart."""
+    if rig.has_unsure_extent:
+        camera = rig.photos[0].camera
+        # A strip all around may have been cut on one side alone; the width of a sweep is known roughly.
+        most = config.step if camera.hfov_deg < 360 else (math.pi - camera.height_px / camera.fy_px) / 2
+        count = math.ceil(most / config.step)
+        angles = (sign * most * k / count for k in range(1, count + 1) for sign in (-1, 1))
+        others = (rig.with_other_extent(angle) for angle in angles)
+        return [rig, *(each for each in others if each is not None)]
     prior = focal_prior(rig, config)
     if prior is None or prior.is_stated:
-        return [rig, *rig.cut_on_one_side()]
+        return [rig]
     count = max(1, math.ceil((prior.most - prior.least) / config.step))
     logs = [prior.least + (prior.most - prior.least) * (k + 0.5) / count for k in range(count)]
     return [rig.with_focal_factor(math.exp(log)) for log in logs]
@@ -139,6 +147,8 @@ def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis], c
     """Return the cameras of the best of hypotheses. searched: the rig from whose focal lengths theirs are counted."""
     log_focal = hypotheses[0].log_focal if hypotheses else None
     rig = searched if log_focal is None else searched.with_focal_factor(math.exp(log_focal))
+    if given.has_unsure_extent:
+        log_focal = math.log(rig.photos[0].camera.fx_px / given.photos[0].camera.fx_px)
     range_deg, found_deg = given.photos[0].hfov_range_deg, rig.photos[0].camera.hfov_deg
     if range_deg is not None:
         bound = next((bound for bound in range_deg if abs(found_deg - bound) < _AT_BOUND_DEG), None)

@@ -43,11 +43,23 @@ class PreparedRig:
     at as a panorama is. is_labels: whether colours are codes of labels. rows: of the coarse renderings that poses are judged on; patch_deg:
     how many degrees the patches are high and wide that they are judged by, as many rows of any rendering. margin_deg: how far around what
     the images show points are aligned while poses may turn.
+    given: the rig that this one is a guess at: guesses are looked at as closely as that, or their scores would not compare.
     """
 
-    def __init__(self, rig: Rig, labels: LabelCodes | None, device: torch.device, config: LocalizerConfig) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        labels: LabelCodes | None,
+        device: torch.device,
+        config: LocalizerConfig,
+        given: Rig | None = None,
+    ) -> None:
         self.config, self._camera = config, rig.photos[0].camera
-        share = shown_share(rig)
+        own = share = shown_share(rig)
+        self._weight = 1.0
+        if given is not None and given is not rig:
+            share = shown_share(given)
+            self._weight = config.focal.stated * math.pow(own / share, config.focal.chance)
         self.is_wide = share >= config.search.wide_share
         self.finer = 2 if share < config.search.narrow_share else 1
         self.pyramid = RigPyramid(rig, 2 * self.finer * config.refinement.fine_rows, labels, device)
@@ -78,7 +90,7 @@ class PreparedRig:
         be: the less of the sphere an image shows, the more easily it fits by chance."""
         prior, focal = self.prior, self.config.focal
         if prior is None:
-            less = [1.0] * len(group)
+            less = [self._weight] * len(group)
         elif prior.is_stated:
             less = [1.0 if h.log_focal is None else focal.stated for h in group]
         else:
@@ -196,8 +208,10 @@ class MapQuery:
         return self._seen
 
 
-def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, config: LocalizerConfig) -> list[MapQuery]:
-    """Prepare a rig for each map. Raises OptionsError for hints out of range."""
+def prepare_queries(
+    rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, config: LocalizerConfig, given: Rig | None = None
+) -> list[MapQuery]:
+    """Prepare a rig for each map. given: as of `PreparedRig`. Raises OptionsError for hints out of range."""
     limits = [within_reach(pose_limits(hints, index), index) for index in maps]
     tilt = math.radians(MAX_SESSION_TILT_DEG) if rig.options.up_known else None
     prepared: dict[bytes, PreparedRig] = {}
@@ -205,7 +219,7 @@ def prepare_queries(rig: Rig, maps: Sequence[MapIndex], hints: Hints | None, con
     for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):
         colors = b"" if index.labels is None else index.labels.key
         if colors not in prepared:
-            prepared[colors] = PreparedRig(rig, index.labels, index.positions.device, config)
+            prepared[colors] = PreparedRig(rig, index.labels, index.positions.device, config, given)
         own = prepared[colors]
         of_rig = limit.of_rig(own.pyramid.rotations[0], own.pyramid.centers[0], tilt)
         queries.append(MapQuery(number, index, of_rig, own))

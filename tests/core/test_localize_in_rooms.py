@@ -52,8 +52,8 @@ def test_a_room_as_scanned_is_found_from_any_place_in_any_rotation(seed: int) ->
     assert_found(found, pose_in(ROOM, seed))
 
 
-@pytest.mark.parametrize(("above", "below"), [(0, 36), (30, 0), (20, 20)])
-def test_a_panorama_is_found_whichever_side_was_cut_off_of_it(above: int, below: int) -> None:
+@pytest.mark.parametrize(("above", "below"), [(0, 36), (20, 20), (12, 48)])
+def test_a_panorama_is_found_whatever_was_cut_off_of_it(above: int, below: int) -> None:
     pose = pose_in(ROOM, 5, "upright")
     whole = rooms.take_panorama(ROOM, pose, WIDTH)
     rows = slice(above, len(whole.valid) - below)
@@ -61,6 +61,18 @@ def test_a_panorama_is_found_whichever_side_was_cut_off_of_it(above: int, below:
     found = localized(Photo(whole.color[rows], whole.valid[rows], camera, focal_uncertainty=0.006), room_index())
     assert found.status == "localized"
     assert_found(found, pose, 0.03)
+
+
+@pytest.mark.parametrize("said_deg", [200.0, 230.0])
+def test_a_sweep_is_found_and_as_wide_as_it_is_whether_or_not_its_width_is_known(said_deg: float) -> None:
+    pose, taken = pose_in(ROOM, 5, "upright"), Camera.from_hfov("cylindrical", 400, 130, 200.0)
+    seen = rooms.take_photo(ROOM, taken, pose).photo
+    said = Camera.from_hfov("cylindrical", 400, 130, said_deg)
+    found = localized(replace(seen, camera=said, focal_uncertainty=0.006), room_index())
+    assert found.status == "localized"
+    assert_found(found, pose, 0.05)
+    assert known(found.found_cameras)[0].hfov_deg == pytest.approx(200.0, abs=3.0)
+    assert bool(found.warnings) == (said_deg != 200.0)
 
 
 @pytest.mark.parametrize("seed", [5, 8])

@@ -1,5 +1,6 @@
 """Rigs: images and what is known of their cameras."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.rig import Panorama, Photo, Rig, RigImage
 from panoloc.core.errors import PanoramaShapeError
 from panoloc.core.geometry.pose import Pose
+from tests.core.found_pose import known
 from tests.core.painted_box import rotation_of
 
 PINHOLE = Camera("pinhole", 32, 24, 30.0, 31.0, 15.0, 12.5)
@@ -72,13 +74,45 @@ def test_a_panorama_is_an_image_of_a_camera_that_sees_the_whole_sphere(rows: int
     np.testing.assert_array_equal(photo.valid, panorama.valid)
 
 
-def test_a_strip_of_a_panorama_may_be_cut_on_either_side_unless_its_horizon_is_known() -> None:
-    strip = Camera.from_hfov("equirectangular", 64, 24, 360.0)
-    for rig, row in zip(rig_of(strip).cut_on_one_side(), (0, 24), strict=True):
-        (camera,) = (photo.camera for photo in rig.photos)
-        assert abs(row - camera.cy_px) == pytest.approx(16)  # of 32 rows, a quarter turn from the pole to the horizon
-        assert replace(camera, cy_px=strip.cy_px) == strip
-    whole, part = Camera.from_hfov("equirectangular", 64, 32, 360.0), Camera.from_hfov("equirectangular", 64, 24, 270.0)
-    measured = Rig.of_photo(replace(photo_of(strip), focal_uncertainty=0.0))
-    for other in (rig_of(whole), rig_of(part), rig_of(PINHOLE), rig_of(strip, strip), measured):
-        assert other.cut_on_one_side() == []
+STRIP = Camera.from_hfov("equirectangular", 64, 24, 360.0)
+SWEEP = Camera.from_hfov("cylindrical", 64, 24, 200.0)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "expected"),
+    [
+        ((STRIP,), True),
+        ((SWEEP,), True),
+        ((FISHEYE,), True),
+        ((Camera.from_hfov("equirectangular", 64, 24, 270.0),), True),
+        ((Camera.from_hfov("equirectangular", 64, 32, 360.0),), False),
+        ((Camera.from_hfov("cylindrical", 64, 24, 360.0),), False),
+        ((PINHOLE,), False),
+        ((STRIP, STRIP), False),
+    ],
+)
+def test_a_field_of_view_alone_leaves_the_extent_of_images_without_a_focal_length_open(
+    cameras: tuple[Camera, ...], expected: bool
+) -> None:
+    assert rig_of(*cameras).has_unsure_extent == expected
+    assert not Rig.of_photo(replace(photo_of(cameras[0]), focal_uncertainty=0.0)).has_unsure_extent
+
+
+@pytest.mark.parametrize(("side", "row"), [(-1, 8.0), (1, 16.0)])
+def test_a_strip_shows_as_much_more_above_the_horizon_as_less_below_but_nothing_beyond_a_pole(
+    side: int, row: float
+) -> None:
+    most = side * math.radians(22.5)  # of 32 rows 24 are left
+    other = known(rig_of(STRIP).with_other_extent(most)).photos[0].camera
+    assert other.cy_px == pytest.approx(row)
+    assert replace(other, cy_px=STRIP.cy_px) == STRIP
+    assert rig_of(STRIP).with_other_extent(1.2 * most) is None
+
+
+def test_a_sweep_with_another_extent_is_as_much_wider_on_either_side() -> None:
+    for degrees, width in ((10.0, 220.0), (-10.0, 180.0), (79.9, 359.8)):
+        assert known(rig_of(SWEEP).with_other_extent(math.radians(degrees))).photos[0].camera.hfov_deg == pytest.approx(
+            width
+        )
+    for degrees in (80.1, -100.1):
+        assert rig_of(SWEEP).with_other_extent(math.radians(degrees)) is None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.camera import Camera, CameraModel
 from panoloc.core.camera.rig import Photo, Rig, RigImage
 from panoloc.core.config import FocalConfig
 from panoloc.core.decide.hypotheses import Hypothesis
@@ -100,6 +100,38 @@ def test_no_focal_length_within_bounds_is_farther_from_a_guess_than_half_a_step(
         assert min(abs(math.log(each / focal_px)) for each in guessed) <= FOCAL.step / 2 + 1e-6
     stated = Rig.of_photo(zoomed())
     assert guesses(stated, FOCAL) == [stated]
+
+
+def of_panorama(model: CameraModel, width_px: int, height_px: int, hfov_deg: float) -> Rig:
+    """Return an image without a focal length, of which a field of view is all that is known."""
+    blank, camera = np.zeros((height_px, width_px, 3), np.uint8), Camera.from_hfov(model, width_px, height_px, hfov_deg)
+    return Rig.of_photo(Photo(blank, np.ones(blank.shape[:2], bool), camera, focal_uncertainty=ROUNDED))
+
+
+@pytest.mark.parametrize("rows", [100, 150, 250])
+def test_no_horizon_of_a_strip_is_farther_from_a_guess_than_half_a_step(rows: int) -> None:
+    strip = of_panorama("equirectangular", 512, rows, 360.0)
+    first, *_ = rigs = guesses(strip, FOCAL)
+    assert first is strip
+    angles = sorted((each.photos[0].camera.cy_px - rows / 2) * math.pi / 256 for each in rigs)
+    cut_on_one_side = (256 - rows) / 2 * math.pi / 256
+    assert [angles[0], angles[-1]] == pytest.approx([-cut_on_one_side, cut_on_one_side])
+    assert max(np.diff(angles)) <= FOCAL.step + 1e-9
+
+
+def test_a_thin_strip_is_not_guessed_to_lie_farther_from_the_horizon_than_it_is_high() -> None:
+    rows = [each.photos[0].camera.cy_px for each in guesses(of_panorama("equirectangular", 512, 30, 360.0), FOCAL)]
+    assert [min(rows), max(rows)] == pytest.approx([-30, 60], abs=13)
+
+
+def test_sweeps_are_guessed_to_be_a_step_wider_or_narrower_on_either_side_unless_that_is_more_than_all() -> None:
+    step_deg = math.degrees(FOCAL.step)
+    for width_deg, others in ((200.0, (-2, 2)), (350.0, (-2,))):
+        first, *rest = (
+            each.photos[0].camera.hfov_deg for each in guesses(of_panorama("cylindrical", 400, 100, width_deg), FOCAL)
+        )
+        assert first == pytest.approx(width_deg)
+        assert rest == pytest.approx([width_deg + k * step_deg for k in others])
 
 
 # What is tried.
@@ -199,6 +231,15 @@ def test_the_cameras_of_an_answer_are_those_of_its_best_pose() -> None:
     assert "session_from_camera" in found_cameras(two, two, [hypothesis(log)], FOCAL).warnings[0]
     nearly = found_cameras(stated, stated, [hypothesis(0.07)], FOCAL)
     assert (nearly.are_others, nearly.warnings) == (True, ())
+
+
+def test_the_extent_that_was_found_is_that_of_the_answer_and_a_width_that_differs_much_is_told() -> None:
+    sweep, strip = of_panorama("cylindrical", 400, 100, 220.0), of_panorama("equirectangular", 512, 150, 360.0)
+    for given, angle, words in ((sweep, -0.2, "197.1 degrees wide, not 220.0"), (sweep, -0.1, ""), (strip, 0.3, "")):
+        other = known(given.with_other_extent(angle))
+        found = found_cameras(given, other, [hypothesis(None)], FOCAL)
+        assert (found.rig, found.are_others, len(found.warnings)) == (other, True, bool(words))
+        assert all(words in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize(
