@@ -120,28 +120,31 @@ class Rig:
 
     @property
     def has_unsure_extent(self) -> bool:
-        """Return whether a field of view is all that is known of this image without a focal length: of a strip all around nobody said how
-        much was cut above and below, of a sweep the width may be a guess."""
+        """Return whether a field of view is all that is known of this image without a focal length: nobody said how much was cut above and
+        below, and the width of a sweep may be a guess."""
         photo, *others = self.photos
         is_described = photo.camera.hfov_deg < 360 or photo.camera.model == "equirectangular"
         is_known = photo.camera.is_whole_sphere or not photo.focal_uncertainty
         return is_described and not (others or is_known or self.has_focal_length)
 
-    def with_other_extent(self, angle: float) -> "Rig | None":
-        """Return such an image where it shows another part of the sphere; None where there is no such part. `Camera.from_hfov` puts the
-        horizon of a strip in the middle.
+    def with_other_extent(self, wider: float, higher: float) -> "Rig | None":
+        """Return such an image where it shows another part of the sphere; None where there is no such part, or it is known.
+        `Camera.from_hfov` puts the horizon in the middle.
 
-        angle: radians; by as much a strip all around shows more above its horizon and less below, and others more on either side.
+        wider, higher: radians; how much more is shown on either side, and above the horizon instead of below.
         """
         camera = self.photos[0].camera
-        if camera.hfov_deg < 360:
-            half = math.radians(camera.hfov_deg) / 2
-            return self.with_focal_factor(half / (half + angle)) if 0 < half + angle < math.pi else None
-        quarter, height, row = camera.fy_px * math.pi / 2, camera.height_px, camera.cy_px + angle * camera.fy_px
+        has_horizon, is_round = camera.model in ("cylindrical", "equirectangular"), camera.hfov_deg >= 360
+        half = math.radians(camera.hfov_deg) / 2
+        if (wider and (is_round or not 0 < half + wider < math.pi)) or (higher and not has_horizon):
+            return None
+        height, row = camera.height_px, camera.cy_px + higher * camera.fy_px
+        quarter = camera.fy_px * math.pi / 2 if camera.model == "equirectangular" else math.inf
         if not max(height - quarter - 0.5, -height) <= row <= min(quarter + 0.5, 2 * height):
             return None
         photo = replace(self.photos[0], camera=replace(camera, cy_px=row))
-        return replace(self, images=(replace(self.images[0], photo=photo),))
+        moved = replace(self, images=(replace(self.images[0], photo=photo),))
+        return moved.with_focal_factor(half / (half + wider)) if wider else moved
 
     def with_focal_factor(self, factor: float) -> "Rig":
         """Return the rig with cameras of longer focal lengths, by a factor."""

@@ -51,7 +51,7 @@ class Engine:
         if contest is None:
             contest, num_starts, num_poses = self._search(contests, clock)
         if given.has_unsure_extent:
-            contest = self._closer(contest, contest_of)
+            contest = self._closer(given, contest, contest_of)
         queries = contest.queries
         if hints is None or not hints.has_only_prior:
             self._add_aliases(contest, clock)
@@ -117,12 +117,15 @@ class Engine:
                 break
         return best, num_starts, num_poses
 
-    def _closer(self, guess: Contest, contest_of: Callable[[Rig], Contest]) -> Contest:
+    def _closer(self, given: Rig, guess: Contest, contest_of: Callable[[Rig], Contest]) -> Contest:
         """Return the contest for the extent of an image with which the best pose fits best: the one guessed, or one beside it, nearer and
         nearer. Poses elsewhere stay its rivals."""
         best, step = guess, self.config.focal.step / 2
-        while best.hypotheses and step > math.pi / (2 * self.config.refinement.fine_rows):
-            beside = [contest_of(rig) for by in (-step, step) if (rig := best.rig.with_other_extent(by)) is not None]
+        finest = math.pi / (2 * self.config.refinement.fine_rows)
+        # The extent that is stated is ahead of others, by more than small steps gain.
+        while best.hypotheses and step > (self.config.focal.step / 8 if best.rig is given else finest):
+            ways = ((-step, 0.0), (step, 0.0), (0.0, -step), (0.0, step))
+            beside = [contest_of(rig) for way in ways if (rig := best.rig.with_other_extent(*way)) is not None]
             for other in beside:
                 other.add(best.hypotheses[:1])
             better = max([best, *beside], key=Contest.score)

@@ -77,11 +77,13 @@ def guesses(rig: Rig, config: FocalConfig) -> list[Rig]:
     stated. Likewise an image without a focal length with the extents that it may have, a step or less apart."""
     if rig.has_unsure_extent:
         camera = rig.photos[0].camera
-        # A strip all around may have been cut on one side alone; the width of a sweep is known roughly.
-        most = config.step if camera.hfov_deg < 360 else (math.pi - camera.height_px / camera.fy_px) / 2
-        count = math.ceil(most / config.step)
-        angles = (sign * most * k / count for k in range(1, count + 1) for sign in (-1, 1))
-        others = (rig.with_other_extent(angle) for angle in angles)
+        if camera.hfov_deg < 360:
+            others = [rig.with_other_extent(wider, 0.0) for wider in (-config.step, config.step)]
+        else:  # a strip all around may have been cut on one side alone
+            most = (math.pi - camera.height_px / camera.fy_px) / 2
+            count = math.ceil(most / config.step)
+            angles = [sign * most * k / count for k in range(1, count + 1) for sign in (-1, 1)]
+            others = [rig.with_other_extent(0.0, higher) for higher in angles]
         return [rig, *(each for each in others if each is not None)]
     prior = focal_prior(rig, config)
     if prior is None or prior.is_stated:

@@ -103,16 +103,24 @@ def test_a_strip_shows_as_much_more_above_the_horizon_as_less_below_but_nothing_
     side: int, row: float
 ) -> None:
     most = side * math.radians(22.5)  # of 32 rows 24 are left
-    other = known(rig_of(STRIP).with_other_extent(most)).photos[0].camera
+    other = known(rig_of(STRIP).with_other_extent(0.0, most)).photos[0].camera
     assert other.cy_px == pytest.approx(row)
     assert replace(other, cy_px=STRIP.cy_px) == STRIP
-    assert rig_of(STRIP).with_other_extent(1.2 * most) is None
+    assert rig_of(STRIP).with_other_extent(0.0, 1.2 * most) is None
+    assert rig_of(STRIP).with_other_extent(side * 0.1, 0.0) is None  # all around is all around
 
 
-def test_a_sweep_with_another_extent_is_as_much_wider_on_either_side() -> None:
+def test_a_sweep_shows_as_much_more_on_either_side_and_has_its_horizon_elsewhere() -> None:
+    def wider(degrees: float, higher: float = 0.0) -> Rig | None:
+        return rig_of(SWEEP).with_other_extent(math.radians(degrees), higher)
+
     for degrees, width in ((10.0, 220.0), (-10.0, 180.0), (79.9, 359.8)):
-        assert known(rig_of(SWEEP).with_other_extent(math.radians(degrees))).photos[0].camera.hfov_deg == pytest.approx(
-            width
-        )
-    for degrees in (80.1, -100.1):
-        assert rig_of(SWEEP).with_other_extent(math.radians(degrees)) is None
+        assert known(wider(degrees)).photos[0].camera.hfov_deg == pytest.approx(width)
+    assert wider(80.1) is wider(-100.1) is None
+    both = known(wider(10.0, 0.1)).photos[0].camera
+    assert [both.hfov_deg, both.cy_px] == pytest.approx([220.0, SWEEP.cy_px + 0.1 * SWEEP.fy_px])
+
+
+def test_the_middle_of_a_fisheye_stays_where_it_is() -> None:
+    assert rig_of(FISHEYE).with_other_extent(0.0, 0.1) is None
+    assert rig_of(FISHEYE).with_other_extent(0.1, 0.0) is not None

@@ -235,8 +235,12 @@ def test_the_cameras_of_an_answer_are_those_of_its_best_pose() -> None:
 
 def test_the_extent_that_was_found_is_that_of_the_answer_and_a_width_that_differs_much_is_told() -> None:
     sweep, strip = of_panorama("cylindrical", 400, 100, 220.0), of_panorama("equirectangular", 512, 150, 360.0)
-    for given, angle, words in ((sweep, -0.2, "197.1 degrees wide, not 220.0"), (sweep, -0.1, ""), (strip, 0.3, "")):
-        other = known(given.with_other_extent(angle))
+    for given, wider, higher, words in (
+        (sweep, -0.2, 0.1, "197.1 degrees wide, not 220.0"),
+        (sweep, -0.1, 0.0, ""),
+        (strip, 0.0, 0.3, ""),
+    ):
+        other = known(given.with_other_extent(wider, higher))
         found = found_cameras(given, other, [hypothesis(None)], FOCAL)
         assert (found.rig, found.are_others, len(found.warnings)) == (other, True, bool(words))
         assert all(words in warning for warning in found.warnings)
