@@ -75,7 +75,8 @@ class Camera:
         """Return the camera without distortion whose image is `hfov_deg` degrees wide, with square pixels, its axis through the middle."""
         largest = MAX_HFOV_DEG.get(model, 360.0)
         if not 1 <= hfov_deg <= largest:  # also false for NaN
-            raise OptionsError(f"hfov_deg: expected 1 to {largest:g} degrees for {model}, got {hfov_deg:g}")
+            hint = "; send a sweep as cylindrical, a fisheye as opencv_fisheye" if largest < hfov_deg <= 360 else ""
+            raise OptionsError(f"hfov_deg: expected 1 to {largest:g} degrees for {model}, got {hfov_deg:g}{hint}")
         half = math.radians(hfov_deg) / 2
         focal_px = width_px / 2 / (math.tan(half) if model in ("pinhole", "opencv") else half)
         return cls(model, width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2)

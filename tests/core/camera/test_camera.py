@@ -87,6 +87,7 @@ def test_a_photo_that_does_not_say_its_focal_length_has_no_camera(focal_mm: obje
         ),
         ({"model": "pinhole", "width_px": 640, "height_px": 480, "fx_px": math.nan}, "fx_px: expected a positive"),
         ({"model": "pinhole", "hfov_deg": 0.0}, "hfov_deg: expected 1 to 170"),
+        ({"model": "pinhole", "hfov_deg": 220.0}, "got 220; send a sweep as cylindrical"),
         ({"model": "cylindrical", "hfov_deg": 400.0}, "hfov_deg: expected 1 to 360"),
         ({"model": "pinhole", "hfov_deg": 60.0, "distortion": (0.1, 0.0, 0.0, 0.0)}, "distortion: expected none"),
     ],
