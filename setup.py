@@ -75,8 +75,4 @@ def kernels() -> list[Extension]:
     ]
 
 
-setup(
-    ext_modules=kernels(),
-    cmdclass={"build_py": BuildWithConsole, "sdist": SdistWithConsole},
-    options={"build_ext": {"parallel": True}},  # the builds beside each other
-)
+setup(ext_modules=kernels(), cmdclass={"build_py": BuildWithConsole, "sdist": SdistWithConsole})

@@ -16,6 +16,7 @@ from panoloc.core.config import FocalConfig
 from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.image.photo_window import shown_share
 from panoloc.core.query.focal_lengths import (
     FocalPrior,
     contradicts,
@@ -186,6 +187,20 @@ def test_scores_of_focal_lengths_that_are_not_stated_or_narrow_count_less_and_sh
     camera = zoomed().camera
     expected = [camera.solid_angle(factor) / (4 * math.pi) for factor in factors]
     assert stated.shares(group).tolist() == pytest.approx(expected, rel=0.02)
+
+
+def test_other_extents_than_the_given_one_are_looked_at_as_closely_and_count_less_the_less_they_show() -> None:
+    device, given = torch.device("cpu"), of_panorama("cylindrical", 400, 130, 200.0)
+    narrow, wide = (known(given.with_other_extent(wider, 0.0)) for wider in (-0.1, 0.2))
+    alone = [PreparedRig(rig, None, device, CONFIG) for rig in (narrow, given, wide)]
+    prepared = [PreparedRig(rig, None, device, CONFIG, given) for rig in (narrow, given, wide)]
+    assert [rig.finer for rig in alone] == [2, 2, 1]  # alone, what shows much is looked at less closely
+    assert {(rig.finer, rig.rows, rig.patch_deg) for rig in prepared} == {(2, alone[1].rows, alone[1].patch_deg)}
+    less = [float(rig.likelihoods([hypothesis(None)])) for rig in prepared]
+    shares = [shown_share(rig) / shown_share(given) for rig in (narrow, wide)]
+    assert less[1] == 1.0
+    assert [less[0], less[2]] == pytest.approx([FOCAL.stated * share**FOCAL.chance for share in shares])
+    assert less[0] < FOCAL.stated < less[2]
 
 
 # What is found.
