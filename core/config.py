@@ -326,7 +326,8 @@ class SearchConfig:
 class FocalConfig:
     """Focal lengths that are not known for certain (see `panoloc.core.query.focal_lengths`). Steps and bounds: of the logarithm."""
 
-    step: float = 0.15  # between those that poses are refined from; the search bears half of it
+    # Between those that poses are refined from; the search bears half of it. Likewise (rad) between extents of the sphere.
+    step: float = 0.15
     # EXIF data do not mention zooms, of up to 2.2; and who guesses a field of view may be off by a third.
     bounds: tuple[float, float] = (-0.4, 0.8)
     stated: float = 0.95  # times the score of a pose for another focal length than the stated one

@@ -120,15 +120,15 @@ class Rig:
 
     @property
     def has_unsure_extent(self) -> bool:
-        """Return whether a field of view is all that is known of this image without a focal length: nobody said how much was cut above and
-        below, and the width of a sweep may be a guess."""
+        """Return whether this is one image of a camera without a focal length, of which only a field of view was stated. The width may be a
+        guess then, and nobody said how much was cut off above and below."""
         photo, *others = self.photos
         is_described = photo.camera.hfov_deg < 360 or photo.camera.model == "equirectangular"
         is_known = photo.camera.is_whole_sphere or not photo.focal_uncertainty
         return is_described and not (others or is_known or self.has_focal_length)
 
     def with_other_extent(self, wider: float, higher: float) -> "Rig | None":
-        """Return such an image where it shows another part of the sphere; None where there is no such part, or it is known.
+        """Return such an image where it shows another part of the sphere; None where there is no such part, or that is known.
         `Camera.from_hfov` puts the horizon in the middle.
 
         wider, higher: radians; how much more is shown on either side, and above the horizon instead of below.

@@ -81,7 +81,7 @@ class Contest:
         """Return the score of the best pose that was taken in, as of coarse refinement; 0 without one."""
         return self._coarse[0].score if self._coarse else 0.0
 
-    def score(self) -> float:
+    def ranked_score(self) -> float:
         """Return the score of the best pose, as ranked; 0 without one."""
         return self.hypotheses[0].score if self.hypotheses else 0.0
 

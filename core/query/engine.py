@@ -118,17 +118,17 @@ class Engine:
         return best, num_starts, num_poses
 
     def _closer(self, given: Rig, guess: Contest, contest_of: Callable[[Rig], Contest]) -> Contest:
-        """Return the contest for the extent of an image with which the best pose fits best: the one guessed, or one beside it, nearer and
-        nearer. Poses elsewhere stay its rivals."""
+        """Return the contest for the extent of an image with which the best pose fits best: the guess, or one beside it. Steps halve until
+        they are a pixel. Poses elsewhere stay rivals."""
         best, step = guess, self.config.focal.step / 2
         finest = math.pi / (2 * self.config.refinement.fine_rows)
-        # The extent that is stated is ahead of others, by more than small steps gain.
+        # The stated extent counts more than others: smaller steps do not gain as much.
         while best.hypotheses and step > (self.config.focal.step / 8 if best.rig is given else finest):
             ways = ((-step, 0.0), (step, 0.0), (0.0, -step), (0.0, step))
             beside = [contest_of(rig) for way in ways if (rig := best.rig.with_other_extent(*way)) is not None]
             for other in beside:
                 other.add(best.hypotheses[:1])
-            better = max([best, *beside], key=Contest.score)
+            better = max([best, *beside], key=Contest.ranked_score)
             step = step / 2 if better is best else step
             best = better
         if best is not guess:

@@ -149,7 +149,7 @@ def found_cameras(given: Rig, searched: Rig, hypotheses: Sequence[Hypothesis], c
     """Return the cameras of the best of hypotheses. searched: the rig from whose focal lengths theirs are counted."""
     log_focal = hypotheses[0].log_focal if hypotheses else None
     rig = searched if log_focal is None else searched.with_focal_factor(math.exp(log_focal))
-    if given.has_unsure_extent:
+    if given.has_unsure_extent:  # pixels per radian in place of focal lengths
         log_focal = math.log(rig.photos[0].camera.fx_px / given.photos[0].camera.fx_px)
     range_deg, found_deg = given.photos[0].hfov_range_deg, rig.photos[0].camera.hfov_deg
     if range_deg is not None:
