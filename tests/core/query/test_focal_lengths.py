@@ -17,6 +17,7 @@ from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.image.photo_window import shown_share
+from panoloc.core.query.engine import Engine
 from panoloc.core.query.focal_lengths import (
     FocalPrior,
     contradicts,
@@ -201,6 +202,31 @@ def test_other_extents_than_the_given_one_are_looked_at_as_closely_and_count_les
     assert less[1] == 1.0
     assert [less[0], less[2]] == pytest.approx([FOCAL.stated * share**FOCAL.chance for share in shares])
     assert less[0] < FOCAL.stated < less[2]
+
+
+class _Contest:
+    """Stands in for the contest of a sweep: the nearer its width is to 213 degrees, the better all poses fit."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig, self.hypotheses, self.taken = rig, [], []  # type: ignore[var-annotated]
+
+    def add(self, proposed: Sequence[Hypothesis]) -> None:
+        self.taken += proposed
+        self.hypotheses = [replace(each, score=-abs(self.rig.photos[0].camera.hfov_deg - 213.0)) for each in self.taken]
+
+
+def test_the_extent_comes_as_near_as_a_pixel_and_poses_elsewhere_stay_rivals() -> None:
+    given = of_panorama("cylindrical", 400, 130, 200.0)
+    engine, guess = Engine(CONFIG, Any), _Contest(given)  # type: ignore[arg-type]  # asked for no confidence
+    guess.add([hypothesis(None), replace(hypothesis(None), start=7)])
+    found: Any = engine._closer(given, guess, _Contest)  # type: ignore[arg-type]
+    pixel_deg = 180 / (2 * CONFIG.refinement.fine_rows)
+    assert found.rig.photos[0].camera.hfov_deg == pytest.approx(213.0, abs=2 * pixel_deg)
+    assert [each.start for each in found.taken[1:]] == [guess.taken[0].start, 7]
+    best = _Contest(found.rig)
+    best.add(guess.taken)
+    assert engine._closer(found.rig, best, _Contest) is best  # type: ignore[arg-type,comparison-overlap]
+    assert best.taken == guess.taken
 
 
 # What is found.
